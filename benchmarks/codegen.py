@@ -29,13 +29,14 @@ os.environ |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
 import casadi as ca
 import numpy as np
+from chains import COMPLEX, JAX, SYMFORCE
+from loops import LIMITS, LOOPS
 from robots import CPPADCODEGEN, DRAKE, FRAX, PINOCCHIO, PINOCCHIO_JOINTS
 
 from symfive.codegen import codegen
 from symfive.codegen._batch import Batch
 from symfive.codegen._sources import Sources
 from symfive.codegen._subject import Subject, _row, subject_of
-from symfive.codegen._vectors import reference
 from symfive.codegen.c import c_files
 from symfive.machine import ErrorTerm, preset
 from symfive.parameters import Parameter
@@ -43,204 +44,6 @@ from symfive.parameters import Parameter
 POSES = 100_000
 EIGEN = Path(ca.__file__).parent / "include" / "eigen3"
 TOOL = (0.0, 0.0, -150.0)
-LIMITS = """
-#include <stddef.h>
-#include "sf_batch.h"
-typedef double v __attribute__((vector_size(8 * SF_LANES)));
-enum { LINE = 64 / sizeof(v) };
-static v numbers(void) /* lines of zeros are written faster by some processors */
-{
-    v x;
-    for (int i = 0; i < SF_LANES; ++i) {
-        x[i] = 1.5 + i;
-    }
-    return x;
-}
-void write_limit(v *p, size_t n)
-{
-    const v x = numbers();
-    for (size_t i = 0; i + LINE <= n; i += LINE) {
-        for (int k = 0; k < LINE; ++k) {
-#if defined(__clang__)
-            __builtin_nontemporal_store(x, p + i + k);
-#elif defined(__AVX__)
-            __asm__("vmovntpd %1, %0" : "=m"(p[i + k]) : "v"(x));
-#elif defined(__SSE2__)
-            __asm__("movntpd %1, %0" : "=m"(p[i + k]) : "x"(x));
-#else
-            p[i + k] = x;
-#endif
-        }
-    }
-}
-void fetched_write_limit(v *p, size_t n)
-{
-    const v x = numbers();
-    for (size_t i = 0; i + LINE <= n; i += LINE) {
-        for (int k = 0; k < LINE; ++k) {
-            p[i + k] = x;
-        }
-        __builtin_prefetch(p + i + 90 * LINE, 1, 3);
-    }
-}
-double multiply_add_limit(size_t n)
-{
-    const v x = { 1.0000001 }, y = { 1e-9 };
-    v a = x, b = x * 2, c = x * 3, d = x * 4, e = x * 5, f = x * 6, g = x * 7, h = x * 8, i = x * 9, j = x * 10;
-    for (size_t k = 0; k < n; ++k) {
-        a = a * x + y; b = b * x + y; c = c * x + y; d = d * x + y; e = e * x + y;
-        f = f * x + y; g = g * x + y; h = h * x + y; i = i * x + y; j = j * x + y;
-    }
-    return (a + b + c + d + e + f + g + h + i + j)[0];
-}
-"""
-LOOPS = """
-#include <stddef.h>
-#include "sf.h"
-#include "casadi.c"
-void casadi_all(size_t n, const double *q, const double *tool, const double *p, double *position, double *by_p)
-{
-    double w[20000];
-    long long iw[8];
-    for (size_t i = 0; i < n; ++i) {
-        const double *arg[3] = { q + 5 * i, tool, p };
-        double *res[2] = { position + 3 * i, by_p + 90 * i };
-        jacobian(arg, res, iw, w, 0);
-    }
-}
-void casadi_forward(size_t n, const double *q, const double *tool, const double *p, double *position, double *unused)
-{
-    double w[20000];
-    long long iw[8];
-    (void)unused;
-    for (size_t i = 0; i < n; ++i) {
-        const double *arg[3] = { q + 5 * i, tool, p };
-        double *res[1] = { position + 3 * i };
-        point(arg, res, iw, w, 0);
-    }
-}
-void ours_all(size_t n, const double *q, const double *tool, const double *p, double *position, double *by_p)
-{
-    for (size_t i = 0; i < n; ++i) {
-        sf_parameter_jacobian(q + 5 * i, tool, p, by_p + 90 * i);
-    }
-    (void)position;
-}
-void ours_forward(size_t n, const double *q, const double *tool, const double *p, double *position, double *direction)
-{
-    for (size_t i = 0; i < n; ++i) {
-        sf_forward(q + 5 * i, tool, p, position + 3 * i, direction);
-    }
-}
-void ours_inverse(size_t n, const double *q, const double *tool, const double *p, double *position, double *unused)
-{
-    (void)unused;
-    for (size_t i = 0; i < n; ++i) {
-        double back[5] = { 0, 0, q[5 * i + 2], q[5 * i + 3], 0 };
-        const double target[3] = { 10, 20, 30 };
-        position[3 * i] = sf_inverse(target, tool, p, back) + back[0];
-    }
-}
-"""
-CHAIN = """
-def chain(np, q, p, tool):
-    # w C' B' X' Y' b Z t; q: Y X B C Z, p: six errors an axis in that order, um and urad; batched over the last axis
-    def turn(k, a):
-        c, s, o, z = np.cos(a), np.sin(a), np.ones_like(a), np.zeros_like(a)
-        rows = ([[o, z, z], [z, c, -s], [z, s, c]], [[c, z, s], [z, o, z], [-s, z, c]], [[c, -s, z], [s, c, z], [z, z, o]])
-        return np.stack([np.stack(r) for r in rows[k]])
-    def mul(a, b):
-        return np.einsum('ij...,jk...->ik...', a, b)
-    def move(a, x):
-        return np.einsum('ij...,j...->i...', a, x)
-    poses = []
-    for i, (kind, k, sign) in enumerate((('l', 1, -1), ('l', 0, -1), ('r', 1, -1), ('r', 2, -1), ('l', 2, 1))):
-        e = p[6 * i : 6 * i + 6]
-        one = np.ones_like(q[i])
-        r = mul(mul(turn(0, 1e-6 * e[3] * one), turn(1, 1e-6 * e[4] * one)), turn(2, 1e-6 * e[5] * one))
-        t = [1e-3 * e[j] * one for j in range(3)]
-        if kind == 'l':
-            t[k] = t[k] + sign * q[i]
-        else:
-            r = mul(r, turn(k, sign * q[i]))
-        poses.append((r, np.stack(t)))
-    r, t = poses[4]
-    d = move(r, np.stack([np.ones_like(q[0]) * x for x in tool])) + t
-    for r, t in poses[:4]:
-        d = np.einsum('ji...,j...->i...', r, d - t)
-    return d
-"""
-JAX = (
-    CHAIN
-    + """
-import sys, time, jax, numpy
-jax.config.update('jax_enable_x64', True)
-import jax.numpy as jnp
-n = int(sys.argv[1]); q = jnp.asarray(numpy.load(sys.argv[2])[:n]); p = jnp.asarray(numpy.load(sys.argv[3]))
-point = lambda q, p: chain(jnp, q, p, (0.0, 0.0, -150.0))
-f = jax.jit(jax.vmap(lambda q: (point(q, p), jax.jacrev(point, 1)(q, p))))
-f(q)[1].block_until_ready(); best = 1e9
-for _ in range(3):
-    s = time.process_time(); d, j = f(q); j.block_until_ready(); best = min(best, time.process_time() - s)
-numpy.save(sys.argv[4], numpy.asarray(j[:50])); print(best / n)
-"""
-)
-COMPLEX = (
-    CHAIN
-    + """
-import sys, time, numpy
-n = int(sys.argv[1]); q = numpy.load(sys.argv[2])[:n].T + 0j; p = numpy.load(sys.argv[3]); best = 1e9
-for _ in range(2):
-    s = time.process_time(); j = numpy.empty((n, 3, 30))
-    for k in range(30):
-        x = p + 0j; x[k] += 1e-30j; j[:, :, k] = chain(numpy, q, x, (0.0, 0.0, -150.0)).imag.T * 1e30
-    best = min(best, time.process_time() - s)
-numpy.save(sys.argv[4], j[:50]); print(best / n)
-"""
-)
-SYMFORCE = """
-import ctypes, subprocess, sys, time, numpy, symforce
-symforce.set_symbolic_api('symengine')
-symforce.set_epsilon_to_zero()
-import symforce.symbolic as sf
-from symforce import codegen
-from symforce.values import Values
-n = int(sys.argv[1]); q = numpy.load(sys.argv[2])[:n].copy(); p = numpy.load(sys.argv[3])
-def turn(k, a):
-    c, s = sf.cos(a), sf.sin(a)
-    return sf.M33(([[1, 0, 0], [0, c, -s], [0, s, c]], [[c, 0, s], [0, 1, 0], [-s, 0, c]], [[c, -s, 0], [s, c, 0], [0, 0, 1]])[k])
-def pose(e, linear, k, sign, q):
-    r, t = turn(0, 1e-6 * e[3]) * turn(1, 1e-6 * e[4]) * turn(2, 1e-6 * e[5]), sf.V3(*(1e-3 * e[j] for j in range(3)))
-    if linear:
-        t[k] = t[k] + sign * q
-    return (r, t) if linear else (r * turn(k, sign * q), t)
-Q, P = (sf.Matrix([[sf.Symbol(name + str(i))] for i in range(size)]) for name, size in (('q', 5), ('p', 30)))
-axes = (1, 1, -1), (1, 0, -1), (0, 1, -1), (0, 2, -1), (1, 2, 1)
-*workpiece, (r, t) = [pose(P[6 * i : 6 * i + 6], *axis, Q[i]) for i, axis in enumerate(axes)]
-d = r * sf.V3(0, 0, -150) + t
-for r, t in workpiece:
-    d = r.T * (d - t)
-made = codegen.Codegen(Values(q=Q, p=P), Values(d=d, j=d.jacobian(P)), codegen.CppConfig(), name='point')
-place = made.generate_function(output_dir='symforce', skip_directory_nesting=True).output_dir
-open('symforce.cc', 'w').write('''
-#include "point.h"
-template <int rows, int columns> using M = Eigen::Matrix<double, rows, columns>;
-extern "C" void loop(size_t n, const double *q, const double *p, double *d, double *j) {
-    const M<30, 1> P = Eigen::Map<const M<30, 1>>(p);
-    for (size_t i = 0; i < n; ++i) {
-        M<3, 1> D; M<3, 30> J;
-        sym::Point<double>(Eigen::Map<const M<5, 1>>(q + 5 * i), P, &D, &J);
-        Eigen::Map<M<3, 1>>(d + 3 * i) = D; Eigen::Map<M<3, 30>>(j + 90 * i) = J;
-    }
-}''')
-built = ['g++', '-O3', '-w', '-march=' + sys.argv[5], '-shared', '-fPIC', '-I', str(place), '-isystem', sys.argv[6]]
-subprocess.run([*built, 'symforce.cc', '-o', 'symforce.so'], check=True)
-loop = ctypes.CDLL('./symforce.so').loop; d = numpy.empty((n, 3)); j = numpy.empty((n, 90)); best = 1e9
-for _ in range(5):
-    s = time.process_time(); loop(ctypes.c_size_t(n), *(ctypes.c_void_p(x.ctypes.data) for x in (q, p, d, j)))
-    best = min(best, time.process_time() - s)
-numpy.save(sys.argv[4], j[:50].reshape(50, 30, 3).transpose(0, 2, 1)); print(best / n)
-"""
 
 
 class Constant(Subject):
@@ -486,7 +289,7 @@ def peers(
 def _casadi(folder: Path) -> ca.Function:
     """CasADi's own C of the same outputs, by automatic differentiation."""
     q, tool, p = ca.SX.sym("q", 5), ca.SX.sym("tool", 3), ca.SX.sym("p", 30)
-    position, _, _, by_p = reference(subject())(q, tool, p)
+    position, _, _, by_p = subject().function()(q, tool, p)
     generator = ca.CodeGenerator("casadi.c", {"casadi_int": "long long"})
     function = ca.Function("jacobian", [q, tool, p], [position, by_p], {"cse": True})
     generator.add(function)

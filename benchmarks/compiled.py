@@ -27,8 +27,8 @@ from identify import SEED, plan
 
 import symfive as sf
 from symfive.compiled import _mapped, status
+from symfive.design import make_space
 from symfive.design._candidates import pose_grid, setup_options
-from symfive.design._space import make_space
 from symfive.inference import Problem
 from symfive.model import Model
 

@@ -28,20 +28,25 @@ import casadi as ca
 import numpy as np
 
 from symfive.campaign import Run, SetupSigma
-from symfive.design import assess, circle_information, plan
-from symfive.design._certificate import certify
-from symfive.design._criteria import Worst, criterion_of
-from symfive.design._exchange import Candidates, choose, exchange, greedy
-from symfive.design._information import Task
-from symfive.design._kernel import Kernel
-from symfive.design._optimise import optimise
-from symfive.design._refine import Rows, refine
-from symfive.design._relaxed import relax, sensitivity
-from symfive.design._space import make_space
+from symfive.design import assess, certify, circle_information, make_space, optimise, plan
 from symfive.effects import make_effect
 from symfive.errors import InputError
 from symfive.kinematics import ball_in_workpiece
 from symfive.machine import Machine, preset
+from symfive.optimal import (
+    Candidates,
+    Kernel,
+    Rows,
+    Task,
+    Worst,
+    choose,
+    criterion_of,
+    exchange,
+    greedy,
+    refine,
+    relax,
+    sensitivity,
+)
 from symfive.procedures import campaign_of, r_test_grid, rotary_circle, static_ball_bar
 from symfive.threads import one_thread
 

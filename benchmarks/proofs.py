@@ -17,10 +17,7 @@ import math
 import sys
 import time
 
-from symfive.design._certificate import certify
-from symfive.design._optimise import optimise
-from symfive.design._request import task_of
-from symfive.design._space import make_space
+from symfive.design import certify, make_space, optimise, task_of
 from symfive.errors import InputError
 from symfive.machine import preset, presets
 

@@ -17,7 +17,10 @@ LAYERS: dict[str, tuple[str, ...]] = {
     "physics": ("kinematics", "motion", "row", "instruments", "effects"),
     "campaigns": ("campaign", "plausible", "circles", "convert", "procedures", "importers", "toolpath"),
     "model": ("model", "given", "check", "simulate"),
-    "verbs": ("inference", "identify", "nc", "drawing", "design", "codegen", "standards", "worth", "posterior", "diagnose"),
+    "verbs": (
+        "inference", "identify", "nc", "drawing", "moves", "optimal", "design", "codegen", "standards", "worth", "posterior",
+        "diagnose",
+    ),
     "results": ("report", "results", "fleet", "history", "symfive", "cli"),
 }  # fmt: skip
 """A package imports those of lower layers and those that stand before it in its own; `symfive` is the package's face."""

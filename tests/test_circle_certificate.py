@@ -10,13 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from symfive.design import plan_circles
-from symfive.design._circle_certificate import relaxed_bound
-from symfive.design._circles import Circle, Goal
-from symfive.design._criteria import criterion_of
-from symfive.design._paths import CircleShape
+from symfive.design import Circle, CircleShape, plan_circles
+from symfive.design._circle_certificate import relaxed_bound  # brute force needs circles without a machine
+from symfive.design._circles import Goal  # as above
 from symfive.effects import make_effect
 from symfive.machine import preset
+from symfive.optimal import criterion_of
 
 MACHINE = preset("tsutsumi-2007")
 LEAN = replace(MACHINE, errors={n: MACHINE.errors[n] for n in ("EC0Y", "EX0C", "EY0C")}, text="")

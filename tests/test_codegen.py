@@ -20,8 +20,6 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from symfive.codegen import TARGETS, Subject, codegen, subject_of
-from symfive.codegen._chain import chain_of
-from symfive.codegen._vectors import reference, spread_vectors
 from symfive.errors import InputError
 from symfive.machine import EffectEntry, ErrorTerm, Machine, Structure, make_axis, preset, presets
 from symfive.model import FittedModel, write_model
@@ -111,24 +109,10 @@ def random_pose(subject: Subject, data: st.DataObject) -> np.ndarray:
     return np.array([low + (high - low) * s for s, (low, high) in zip(shares, ends, strict=True)])
 
 
-@pytest.mark.parametrize("name", EVERY)
-def test_geometric_derivatives_are_those_of_automatic_differentiation(name: str) -> None:
-    subject = subject_of(name)
-    chain = chain_of(subject)
-    columns = [chain.position_by_q, chain.position_by_p, chain.direction_by_q, chain.direction_by_p]
-    automatic = [ca.jacobian(value, x) for value in (chain.position, chain.direction) for x in (chain.q, chain.p)]
-    apart = [ca.mmax(ca.fabs(ca.densify(a - b))) for a, b in zip(columns, automatic, strict=True)]
-    function = ca.Function("apart", [chain.q, chain.tool, chain.p], [ca.vertcat(*apart)])
-    vectors = spread_vectors(subject, count=3)
-    for q in vectors.q:
-        for size in (1.0, 1e4):  # exact for large errors too
-            assert float(ca.mmax(function(q, vectors.tool, size * vectors.p))) < 1e-11
-
-
 @lru_cache
 def subject_and_reference(name: str) -> tuple[Subject, ca.Function]:
     subject = subject_of(name)
-    return subject, reference(subject)
+    return subject, subject.function()
 
 
 @pytest.mark.parametrize("name", EVERY)
@@ -427,7 +411,7 @@ def test_a_library_of_another_model_is_not_loaded(tmp_path, kind) -> None:
     assert module.MODEL.encode() in library.read_bytes() != stale.read_bytes()
     q = np.array([10.0, 20.0, 0.3, 0.4, 30.0])
     p = np.array([new.values[name] for name in module.PARAMETERS])
-    wanted = np.asarray(reference(subject_of("table-bc"))(q, TOOL, p)[0], dtype=float)[:, 0]
+    wanted = np.asarray(subject_of("table-bc").function()(q, TOOL, p)[0], dtype=float)[:, 0]
     found = made.forward(q, TOOL)[0] if kind == "Machine" else made.forward(q[None], TOOL, p)[0]
     assert found == pytest.approx(wanted, abs=1e-9)
 
@@ -474,7 +458,7 @@ def test_the_batch_kernel_is_the_symbolic_model(compiled, tmp_path, name, compil
     generator = np.random.default_rng(1)
     ends = np.array([[v * a.to_internal for v in a.travel] for a in (subject.machine.axes[n] for n in subject.axes)])
     q = generator.uniform(ends[:, 0], ends[:, 1], size=(203, len(ends)))
-    function = reference(subject)
+    function = subject.function()
     results = [function(row, TOOL, p) for row in q]
     position = np.array([np.asarray(r[0])[:, 0] for r in results])
     by_p = np.array([np.asarray(r[3]) for r in results])

@@ -13,7 +13,6 @@ import pytest
 from test_codegen import TOOL, compiles, fitted, loaded, needs, run
 
 from symfive.codegen import codegen, subject_of
-from symfive.codegen._vectors import reference
 from symfive.machine import preset
 
 DRIVER = Path(__file__).parent / "data" / "batch_driver.c"
@@ -40,7 +39,8 @@ def expected(sources: Path) -> dict[str, np.ndarray]:
     ends = np.array([[v * a.to_internal for v in a.travel] for a in (subject.machine.axes[n] for n in subject.axes)])
     q = generator.uniform(ends[:, 0], ends[:, 1], size=(POSES, len(ends)))
     step, factor = p * generator.normal(size=len(p)), generator.normal(size=(len(p), RANK))
-    results = [reference(subject)(row, TOOL, p) for row in q]
+    reference = subject.function()
+    results = [reference(row, TOOL, p) for row in q]
     points = np.array([np.asarray(r[0])[:, 0] for r in results])
     by_p = np.array([np.asarray(r[3]) for r in results])
     columns = np.concatenate([by_p, generator.normal(size=(POSES, 3, 1))], axis=2)

@@ -9,13 +9,13 @@ import pytest
 from scipy.io import savemat
 
 from symfive.convert import CONVERTERS, VARIABLE, convert, data_folder
-from symfive.convert._chain import axes_of_modified_dh, forward
-from symfive.convert._files import Channel, sampling_times
+from symfive.convert._files import Channel, sampling_times  # arrivals whose true times are known
 from symfive.convert.irb120_tracker import AXES as IRB_AXES
 from symfive.convert.mukca import AXES as PANDA_AXES
 from symfive.convert.mukca import TOOL_BALL
 from symfive.errors import InputError
 from symfive.instruments.drive_force import low_pass
+from symfive.kinematics import axes_of_modified_dh, forward
 from symfive.model import Model
 from symfive.motion import Direction, RunMotion
 

@@ -8,14 +8,10 @@ import numpy as np
 import pytest
 from lean import location_only
 
-from symfive.design._certificate import certify, generate
-from symfive.design._criteria import Worst
-from symfive.design._information import Task
-from symfive.design._optimise import optimise, value_of
-from symfive.design._refine import Rows
-from symfive.design._request import task_of
-from symfive.design._space import Space, make_space
+from symfive.design import Space, certify, make_space, optimise, task_of, value_of
+from symfive.design._certificate import generate  # what the search found, before the proof
 from symfive.machine import Machine, preset
+from symfive.optimal import Rows, Task, Worst
 
 
 def _locations(name: str) -> Machine:

@@ -10,13 +10,22 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from symfive.design._criteria import CRITERIA, criterion_of
-from symfive.design._exchange import Candidates, choose, exchange, greedy
-from symfive.design._information import Task
-from symfive.design._kernel import Kernel
-from symfive.design._refine import Objective, Rows, refine
-from symfive.design._relaxed import marginal_sensitivity, relax
 from symfive.errors import InputError
+from symfive.optimal import (
+    CRITERIA,
+    Candidates,
+    Kernel,
+    Objective,
+    Rows,
+    Task,
+    choose,
+    criterion_of,
+    exchange,
+    greedy,
+    marginal_sensitivity,
+    refine,
+    relax,
+)
 
 WEAK = 1e-9
 LINE = np.linspace(-1.0, 1.0, 201)

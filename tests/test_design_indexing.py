@@ -8,14 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from lean import location_only
 
 from symfive.campaign import Campaign, Run, SetupSigma, read_campaign, write_campaign
 from symfive.design import Plan, assess, plan
-from symfive.design._dominance import what_dominates
-from symfive.design._indexing import indexed
-from symfive.design._refine import Rows
-from symfive.design._request import task_of
-from symfive.design._space import Space, make_space
 from symfive.errors import InputError
 from symfive.machine import preset
 from symfive.nc import DIALECTS, Post, program, program_steps
@@ -90,15 +86,6 @@ def test_a_run_without_indexing_turns_no_spindle(made: Plan) -> None:
     assert not any(step.kind == "orient" for step in program_steps(made.machine, run, Post()))
 
 
-def _space_and_rows(**known: float) -> tuple[Space, Rows]:
-    space = make_space(preset("table-bc"), "r_test", setup_sigma=SetupSigma(**known))
-    generator = np.random.default_rng(0)
-    z = space.lower + (space.upper - space.lower) * generator.random((400, len(space.names)))
-    z[:, space.poses :] = [1.5, 0.3, 1.6, 1.5]
-    z = z[space.feasible(z, np.zeros((len(z), 1)))][:40]
-    return space, Rows.of(z, np.zeros((len(z), 1)), np.zeros(len(z), dtype=np.int64), space.poses)
-
-
 @pytest.mark.parametrize(
     ("known", "index", "name"),
     [
@@ -108,15 +95,15 @@ def _space_and_rows(**known: float) -> tuple[Space, Rows]:
     ],
 )
 def test_what_dominates_is_named(known: dict[str, float], index: bool, name: str) -> None:
-    space, rows = _space_and_rows(**known)
-    task = task_of(space, "V", [p.name for p in space.shared], None)
-    (said,) = what_dominates(space, indexed(space, task) if index else task, rows)
-    assert name in said and said.startswith("more poses hardly help: V is ")
+    options = {"points": 40, "setups": 1, "starts": 1, "anywhere": False, "prove": False}
+    made = plan("table-bc", criterion="V", index=index, setup_sigma=SetupSigma(**known), **options)
+    (said,) = (note for note in made.notes if note.startswith("more poses hardly help: V is "))
+    assert f"; {name} dominates, and exactly known leaves" in said
 
 
 def test_nothing_dominates_where_poses_help() -> None:
-    space, rows = _space_and_rows()
-    assert what_dominates(space, task_of(space, "D", [p.name for p in space.shared], None), rows) == []
+    made = plan(location_only("table-bc"), points=8, setups=1, starts=1, anywhere=False, prove=False)
+    assert not [note for note in made.notes if "more poses hardly help" in note]
 
 
 def test_what_cannot_be_indexed_is_said() -> None:

@@ -15,14 +15,12 @@ import pytest
 from symfive.campaign import Campaign, read_campaign
 from symfive.cli import main
 from symfive.design import assess, certify_joint, plan, plan_together
-from symfive.design._criteria import criterion_of
-from symfive.design._information import Task
-from symfive.design._joint_certificate import merged
-from symfive.design._minutes import GAP, Mixes
-from symfive.design._mountings import Mounting
+from symfive.design._minutes import GAP, Mixes  # brute force needs mountings without a machine
+from symfive.design._mountings import Mounting  # as above
 from symfive.errors import InputError
 from symfive.machine import preset
 from symfive.model import Model
+from symfive.optimal import Task, criterion_of
 from tests.plan_checker import check
 
 POSES, SHARED, OWN, PACE, SETUP = 3, 3, 2, 25.0, 300.0
@@ -163,8 +161,8 @@ def test_an_earlier_campaign_counts() -> None:
     options = {"minutes": 7.0, "certify": False, "starts": 1}
     first = plan_together(lean, ("r_test",), **options)
     second = plan_together(lean, ("r_test",), given=first.campaign, **options)
-    both = merged([first.campaign, second.campaign])
-    assert [run.id for run in both.runs] == ["nest-1", "2-nest-1"]
+    later = [replace(run, id=f"later-{run.id}", file=f"later-{run.file}") for run in second.campaign.runs]
+    both = replace(first.campaign, runs=(*first.campaign.runs, *later))
     sigma, expected = second.assessment.sigma, assess(both).sigma
     assert {name: sigma[name] for name in lean.errors} == pytest.approx({name: expected[name] for name in lean.errors})
 

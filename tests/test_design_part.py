@@ -18,13 +18,7 @@ from lean import location_only
 
 from symfive.campaign import SetupSigma
 from symfive.cli import main
-from symfive.design import Plan, plan
-from symfive.design._candidates import candidates_in, pose_grid, setup_options
-from symfive.design._indexing import worth_indexing
-from symfive.design._part import Part, part_criterion
-from symfive.design._refine import Rows
-from symfive.design._request import task_of
-from symfive.design._space import Space, make_space
+from symfive.design import Part, Plan, plan
 from symfive.errors import InputError
 from symfive.identify import identify
 from symfive.machine import Machine, preset
@@ -150,35 +144,24 @@ def test_it_is_said_in_plan_json_on_the_sheet_and_on_the_screen(made: Plan, tmp_
         assert words in sheet
 
 
-def test_v_is_the_mean(folder: Path) -> None:
-    machine = preset("table-bc")
-    part, space = Part(machine, read_tool_path(folder / "pocket.ngc", machine)), make_space(machine, "r_test")
-    one = np.eye(len(part.names))
-    assert part_criterion(part, space, "V").exact(one) == pytest.approx(2.0 * math.log(part.expected(one).mean))
-    worst = part_criterion(part, space, "G").exact(one)
-    assert worst == pytest.approx(2.0 * math.log(part.expected(one).worst), abs=0.02)
-    with pytest.raises(InputError, match="does not use the part"):
-        part_criterion(part, space, "D")
-
-
-def _some(space: Space, count: int) -> Rows:
-    """Poses of a grid in two set-ups."""
-    setups, lengths = setup_options(space)
-    grid = candidates_in(space, setups[[0, -1]], lengths[[0, -1]], pose_grid(space, 60))
-    picked = grid.take(np.linspace(0, len(grid) - 1, count).astype(np.int64))
-    return Rows.of(picked.z, picked.k, picked.group, space.poses)
+def test_g_and_v_are_the_worst_and_the_mean_along_the_path(folder: Path) -> None:
+    """ψ of the certificate is twice the logarithm of what is expected along the path; G a p-mean of its typical places."""
+    for criterion, tolerance in (("V", 1e-6), ("G", 0.03)):
+        options = QUICK | {"points": 8, "setups": 1, "returns": 0, "index": False, "criterion": criterion}
+        found = plan(location_only("table-bc"), part=folder / "pocket.ngc", **options)
+        assert found.part is not None
+        expected = found.part.after.expected
+        size = expected.mean if criterion == "V" else expected.worst
+        assert found.certificate.value == pytest.approx(2.0 * math.log(size), abs=tolerance)
 
 
 def test_indexing_is_chosen_where_it_pays(folder: Path) -> None:
     """The run-out of 20 µm is worth a pose a run, one of 0.1 µm is not."""
-    machine = preset("table-bc")
-    part = Part(machine, read_tool_path(folder / "cone.ngc", machine))
     for sigma, worth in ((20.0, True), (0.1, False)):
-        space = make_space(machine, "r_test", setup_sigma=SetupSigma(tool_ball=sigma))
-        task = task_of(space, "D", [p.name for p in space.shared], None)
-        task = replace(task, criterion=part_criterion(part, space, "G"))
-        rows = _some(space, 12)
-        assert worth_indexing(space, task, rows) is worth
+        options = QUICK | {"points": 8, "setups": 1, "setup_sigma": SetupSigma(tool_ball=sigma)}
+        found = plan(location_only("table-bc"), part=folder / "cone.ngc", **options)
+        assert all((run.spindle is not None) is worth for run in found.campaign.runs)
+        assert any("the spindle is indexed" in note for note in found.notes) is worth
 
 
 @pytest.mark.parametrize(

@@ -8,14 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from symfive.design._certificate import certify
-from symfive.design._proof import bounded_sensitivity
-from symfive.design._refine import Rows
-from symfive.design._relaxed import sensitivity
-from symfive.design._request import task_of
-from symfive.design._space import Space, make_space
-from symfive.design._spectrum import spectrum_of
+from symfive.design import Space, certify, make_space, task_of
+from symfive.design._proof import bounded_sensitivity  # the bound itself, of chosen sensitivities
 from symfive.machine import ErrorTerm, Machine, preset
+from symfive.optimal import Rows, sensitivity, spectrum_of
 
 LOW, HIGH = np.array([-1.9, -np.pi]), np.array([1.9, np.pi])
 

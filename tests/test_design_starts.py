@@ -15,14 +15,12 @@ import numpy as np
 import pytest
 
 from symfive.cli import main
-from symfive.design._information import Task
-from symfive.design._optimise import optimise
-from symfive.design._request import task_of
-from symfive.design._space import Space, make_space
-from symfive.design._starts import each
+from symfive.design import Space, make_space, optimise, task_of
+from symfive.design._starts import each  # starts that fail at will
 from symfive.errors import InputError
 from symfive.executors import Processes, connect
 from symfive.machine import Machine, preset
+from symfive.optimal import Task
 from symfive.threads import one_thread
 
 STARTS = 4

@@ -14,16 +14,16 @@ from typing import Any
 import click
 import numpy as np
 import pytest
-from test_effects import assert_exact
+from effects_world import assert_exact
 
 from symfive.campaign import Campaign, Run, write_campaign
 from symfive.cli import app, main
-from symfive.design._ways import cleared
 from symfive.effects import EFFECTS
 from symfive.errors import InputError
 from symfive.instruments import INSTRUMENTS, instruments_of
 from symfive.machine import machine_from_data, preset
 from symfive.model import Model
+from symfive.moves import cleared
 from symfive.nc import DIALECTS, Post, can_probe, write_programs
 from symfive.procedures import campaign_of, planar_circle, r_test_grid
 from symfive.simulate import simulate

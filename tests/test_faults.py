@@ -20,10 +20,7 @@ import pytest
 
 import symfive.cli as cli
 import symfive.convert
-import symfive.fleet
-import symfive.report._page
-import symfive.report._save
-import symfive.report._style  # noqa: F401  (loaded, so that their long work can be replaced)
+import symfive.fleet  # noqa: F401
 from symfive.campaign import write_campaign
 from symfive.diagnose import diagnose
 from symfive.files import read_text
@@ -31,8 +28,9 @@ from symfive.history import Details, History
 from symfive.identify import fitted_model, identify
 from symfive.machine import preset
 from symfive.model import write_model
-from symfive.outputs import _place, output_folder
+from symfive.outputs import _place, output_folder  # kernels without an exchange of folders
 from symfive.procedures import campaign_of, r_test_grid
+from symfive.report import diagnosis_report, save_figures  # noqa: F401  (loaded, so that their long work can be replaced)
 from symfive.runs import Run
 from symfive.simulate import simulate
 

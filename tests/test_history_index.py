@@ -15,7 +15,7 @@ from history_world import results
 
 from symfive.errors import InputError
 from symfive.history import Details, History, instant, read_record, rebuilt, taken
-from symfive.history._schema import MIGRATIONS, NEWEST
+from symfive.history._schema import MIGRATIONS, NEWEST  # indices of older versions
 
 DATES = ("2026-01-05", "2026-02-02", "2026-03-02")
 

@@ -15,7 +15,7 @@ from symfive.errors import InputError
 from symfive.machine import EffectEntry, ErrorTerm
 from symfive.model import Model
 from symfive.motion import drive_response
-from symfive.motion._gaps import filled
+from symfive.motion._gaps import filled  # a model reads rows, not what it fills in
 
 CAMPAIGNS = Path(__file__).parent / "data" / "campaigns"
 ERRORS = ("EX0B", "EZ0B", "EA0B", "EC0B", "EX0C", "EY0C", "EA0C", "EB0C")
@@ -192,7 +192,7 @@ RUBBING = [
 @pytest.mark.parametrize("friction", RUBBING, ids=["coulomb", "stribeck", "lugre"])
 def test_rows_in_closed_form_are_those_of_substeps(monkeypatch, friction):
     """Where an axis slides at its full force the loop is linear: the same to rounding, values and derivatives."""
-    from symfive.motion import _friction
+    from symfive.motion import _friction  # the closed form switched off
 
     command = 100.0 * np.sin(0.7 * 0.004 * np.arange(1200))
     wanted = ("position_gain", *friction)

@@ -18,7 +18,7 @@ from symfive.design import assess, plan
 from symfive.diagnose import diagnose
 from symfive.errors import InputError
 from symfive.identify import identify
-from symfive.identify._mounted import CERTAIN, _Comparison, _Group
+from symfive.identify._mounted import CERTAIN, _Comparison, _Group  # odds, of which a result says only the decision
 from symfive.model import Model
 from symfive.report import diagnosis_text, identification_report
 

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from symfive.campaign import Run, read_campaign, write_campaign
-from symfive.design._ways import cleared
 from symfive.machine import Machine, preset, presets
+from symfive.moves import cleared
 from symfive.nc import DIALECTS, Post, program, program_steps, write_programs
 from symfive.procedures import Nominal, campaign_of, cone_circle, planar_circle, rotary_circle, synchronous_circle
 from tests.plan_checker import check

@@ -15,8 +15,6 @@ from symfive.campaign import Campaign, Run
 from symfive.convert import convert
 from symfive.diagnose import diagnose
 from symfive.identify import fitted_model, identify, predict
-from symfive.inference import Block
-from symfive.inference._noise import estimate_noise
 from symfive.machine import ErrorTerm, Machine, Structure, make_axis, preset
 from symfive.posterior import baseline
 from symfive.procedures import campaign_of, planar_circle, r_test_grid
@@ -118,10 +116,10 @@ def test_outliers_are_found_where_nothing_is_free_and_noise_is_slow() -> None:
 @pytest.mark.parametrize(("rms", "white"), [(1.12, 1.12), (0.9, 1.0)])
 def test_noise_is_the_larger_of_what_is_declared_and_what_is_found(rms: float, white: float) -> None:
     """Declared noise until the contrary is proven makes intervals too narrow where it is a little larger."""
-    residual = np.random.default_rng(1).standard_normal((100, 1))
-    residual *= 0.4 * rms / np.sqrt(np.mean(residual**2))
-    block = Block(residual, np.zeros((100, 1, 0)), np.zeros(0, dtype=np.int64), 1.0, np.zeros((100, 1), dtype=bool))
-    assert estimate_noise([block], 0.4, np.zeros((0, 0))).white == pytest.approx(0.4 * white, rel=5e-3)
+    deviations = [d - d.mean() for d in np.random.default_rng(1).standard_normal((5, 2 * len(TARGETS)))]
+    found = identify(campaign([NOISE_UM * rms * d / np.sqrt(np.mean(np.square(deviations))) for d in deviations]))
+    for noise in found.noises.values():
+        assert noise.white == pytest.approx(NOISE_UM * white, rel=0.02)
 
 
 @pytest.mark.slow

@@ -76,10 +76,10 @@ def test_no_page_is_wider_than_its_window_nor_cuts_a_table(pages, tmp_path, name
     assert len({paper for _, paper in papers}) == 2, papers
 
 
-def test_every_page_has_the_one_style():
+def test_every_page_has_the_one_style(tmp_path):
     """Quick and without a browser: each kind of page is written with the shared style and for a telephone."""
-    from symfive.codegen._sources import filled
-    from symfive.design._sheet import Sheet, setup_sheet
+    from symfive.codegen import codegen
+    from symfive.design import Sheet, setup_sheet
     from symfive.drawing import PAGE_STYLE
     from symfive.nc import Post
 
@@ -87,7 +87,6 @@ def test_every_page_has_the_one_style():
     machine = preset("oyama-2010")
     campaign = campaign_of(machine, r_test_grid(machine, step_deg=90.0))
     page = setup_sheet(Sheet(campaign=campaign, post=Post()), {}, [])
-    names = ("title", "machine", "structure", "values", "rows", "notes", "digest")
-    sheet = filled("sheet.html", style=PAGE_STYLE, **dict.fromkeys(names, ""))
-    for text in (page, sheet):
+    (sheet,) = codegen("table-bc", tmp_path, target="siemens")
+    for text in (page, sheet.read_text(encoding="utf-8")):
         assert PAGE_STYLE in text and '<meta name="viewport"' in text and "<main>" in text

@@ -13,15 +13,11 @@ from scipy.spatial import cKDTree
 
 from symfive.campaign import Run
 from symfive.design import Plan, plan
-from symfive.design._bodies import least_elevation
-from symfive.design._clearances import Clearances
-from symfive.design._distance import Rod, apart
-from symfive.design._moves import Moves, blocked_moves
-from symfive.design._ways import Ways, cleared
 from symfive.errors import InputError
 from symfive.machine import Machine, preset
+from symfive.moves import Clearances, Moves, Rod, Ways, apart, blocked_moves, cleared, least_elevation
 from symfive.nc import CAUTION, Post, Step, arrival_times, pace, program, program_steps, top_of
-from symfive.nc._pace import spread
+from symfive.nc._pace import spread  # a closed form that programs only round
 from symfive.procedures import Nominal, planar_circle, r_test_grid, static_ball_bar
 
 

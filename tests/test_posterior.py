@@ -43,7 +43,7 @@ from symfive.posterior import (
     solution,
     widths_of,
 )
-from symfive.posterior._scale import solved
+from symfive.posterior._scale import solved  # matrices that rounding has spoilt
 from symfive.simulate import simulate
 
 NOISE = 0.3

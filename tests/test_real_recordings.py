@@ -10,10 +10,10 @@ import pytest
 
 from symfive.campaign import read_campaign, write_campaign
 from symfive.convert import CONVERTERS, convert, data_folder
-from symfive.convert._chain import axes_of_modified_dh, forward
 from symfive.convert.mukca import AXES, PANDA_A, PANDA_ALPHA, PANDA_D
 from symfive.diagnose import diagnose
 from symfive.errors import InputError
+from symfive.kinematics import axes_of_modified_dh, forward
 from symfive.model import Model
 
 FLANGE_TO_HAND_MM = 210.4  # the controller's end-effector frame lies this far along z of frame 7

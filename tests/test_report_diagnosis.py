@@ -28,10 +28,17 @@ from symfive.errors import InputError
 from symfive.identify import Outlier, identify
 from symfive.model import Model
 from symfive.numbers import change, in_words, percent, power_of_ten
-from symfive.report import _diagnosis, _save, diagnosis_report, diagnosis_text, identification_report, save_figures
-from symfive.report._chain import affected_link, chain_picture
-from symfive.report._evidence import gap_table
-from symfive.report._visible import visible_parts
+from symfive.report import (
+    _diagnosis,
+    _save,
+    diagnosis_report,
+    diagnosis_text,
+    identification_report,
+    save_figures,
+    visible_parts,
+)
+from symfive.report._chain import affected_link, chain_picture  # stages that no fixture finds
+from symfive.report._evidence import gap_table  # lost rows
 
 CAMPAIGNS = Path(__file__).parent / "data" / "campaigns"
 

@@ -16,12 +16,12 @@ from pages import HOSTILE, Page
 
 from symfive.campaign import Campaign, Run, read_campaign
 from symfive.drawing import SCRIPT, poses_figure
-from symfive.drawing._poses import MOST_LINES, MOST_NAMES, MOST_POINTS, projected
+from symfive.drawing._poses import MOST_LINES, MOST_NAMES, MOST_POINTS, projected  # which rows are drawn
 from symfive.identify import identify
 from symfive.machine import preset
 from symfive.procedures import Nominal, campaign_of, planar_circle, r_test_grid
 from symfive.report import identification_report
-from symfive.report._page import write_page
+from symfive.report._page import write_page  # a page with this picture alone
 from symfive.simulate import simulate
 
 CAMPAIGNS = Path(__file__).parent / "data" / "campaigns"

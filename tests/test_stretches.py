@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 
 from symfive.campaign import Campaign, Run
-from symfive.diagnose import _stretches, cross_validated, detect, diagnose
+from symfive.diagnose import _stretches, cross_validated, detect, diagnose  # what is long is made short
 from symfive.effects import Effect, make_effect
 from symfive.identify import Identification, identify
-from symfive.inference import _windows
+from symfive.inference import _windows  # likewise
 from symfive.machine import preset
 from symfive.model import Model
 from symfive.motion import approach
 from symfive.procedures import campaign_of, planar_circle
-from symfive.report._visible import visible_parts
+from symfive.report import visible_parts
 from symfive.simulate import simulate
 
 PLAY = {"backlash.X.width": 12.0}

@@ -16,6 +16,7 @@ from symfive.arrays import Array
 from symfive.campaign import Campaign, Run
 from symfive.effects import Effect, baseline_effects
 from symfive.given import machine_or_model_given
+from symfive.kinematics import ball_in_workpiece, chain_poses
 from symfive.machine import Machine, machine_to_data
 from symfive.model import FittedModel, apply_errors, effect_to_data, machine_parameters
 from symfive.motion import Position
@@ -50,6 +51,19 @@ class Subject:
     def row(self, q: Any, p: Any) -> Row:
         """The model's row at the positions q (mm, rad) and the parameters p (their own units), errors applied."""
         return _row(self.machine, self.effects, self.parameters, q, p)
+
+    def function(self) -> ca.Function:
+        """(q, tool, p) → the tool's point and direction in the workpiece, and the point's derivatives by q and p: the model's own
+        chain, differentiated automatically. Generated code is compared with it."""
+        q, tool, p = (ca.SX.sym("x", n) for n in (len(self.axes), 3, len(self.parameters)))
+        row = self.row(q, p)
+        point = ball_in_workpiece(
+            self.machine, row.axis, tool + row.tool_ball, location=row.location, motion=row.motion, shift=row.shift
+        )
+        workpiece, spindle = chain_poses(self.machine, row.axis, row.location, row.motion)
+        direction = workpiece.rotation.T @ spindle.rotation[:, 2]
+        outputs = [ca.densify(x) for x in (point, direction, ca.jacobian(point, q), ca.jacobian(point, p))]
+        return ca.Function("reference", [q, tool, p], outputs)
 
 
 def subject_of(source: Machine | FittedModel | Path | str) -> Subject:

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import casadi as ca
 import numpy as np
 
 from symfive.arrays import Array
-from symfive.codegen._chain import TOOL_AXIS
 from symfive.codegen._subject import Subject
-from symfive.kinematics import ball_in_workpiece, chain_poses
 
-GOLDEN = 0.6180339887498949
+GOLDEN, COUNT = 0.6180339887498949, 8
 
 
 @dataclass(frozen=True)
@@ -28,24 +25,11 @@ class Vectors:
     by_p: Array
 
 
-def reference(subject: Subject) -> ca.Function:
-    """(q, tool, p) → position, direction and the point's derivatives by q and p, by automatic differentiation."""
-    q, tool, p = (ca.SX.sym("x", n) for n in (len(subject.axes), 3, len(subject.parameters)))
-    row = subject.row(q, p)
-    ball = ball_in_workpiece(
-        subject.machine, row.axis, tool + row.tool_ball, location=row.location, motion=row.motion, shift=row.shift
-    )
-    workpiece, spindle = chain_poses(subject.machine, row.axis, row.location, row.motion)
-    direction = workpiece.rotation.T @ (spindle.rotation @ ca.DM(TOOL_AXIS))
-    outputs = [ca.densify(x) for x in (ball, direction, ca.jacobian(ball, q), ca.jacobian(ball, p))]
-    return ca.Function("reference", [q, tool, p], outputs)
-
-
-def spread_vectors(subject: Subject, count: int = 8) -> Vectors:
+def spread_vectors(subject: Subject) -> Vectors:
     """Positions spread over the travels (rotary axes over one turn at most), parameters of the size of their priors."""
-    spread = np.modf(np.outer(np.arange(1, count + 1), GOLDEN ** np.arange(1, len(subject.axes) + 1)))[0]
+    spread = np.modf(np.outer(np.arange(1, COUNT + 1), GOLDEN ** np.arange(1, len(subject.axes) + 1)))[0]
     spread = np.modf(spread * 7.0 + 0.5)[0]
-    q = np.empty((count, len(subject.axes)))
+    q = np.empty((COUNT, len(subject.axes)))
     for i, name in enumerate(subject.axes):
         axis = subject.machine.axes[name]
         low, high = (v * axis.to_internal for v in axis.travel)
@@ -56,6 +40,7 @@ def spread_vectors(subject: Subject, count: int = 8) -> Vectors:
     waves = np.cos(1.0 + np.arange(len(subject.parameters)))
     sizes = np.array([parameter.sigma if np.isfinite(parameter.sigma) else 1.0 for parameter in subject.parameters])
     p = np.round(np.asarray(subject.values) + waves * sizes, 6)
-    results = [[np.asarray(part, dtype=float) for part in reference(subject)(row, tool, p)] for row in q]
+    reference = subject.function()
+    results = [[np.asarray(part, dtype=float) for part in reference(row, tool, p)] for row in q]
     stacked = [np.array([row[k].ravel(order="F") for row in results]) for k in range(4)]
     return Vectors(q, tool, p, *stacked)

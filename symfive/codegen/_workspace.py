@@ -13,7 +13,7 @@ from symfive.codegen._chain import chain_of
 from symfive.codegen._sources import solved_axes
 from symfive.codegen._subject import Subject
 
-RADIUS, HEIGHTS, TOOL = 100.0, (0.0, 150.0), 150.0
+RADIUS, HEIGHTS, TOOL, STEPS = 100.0, (0.0, 150.0), 150.0, 7
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class Poses:
     real_by_p: Array
 
 
-def workspace_poses(subject: Subject, steps: int = 7) -> Poses:
+def workspace_poses(subject: Subject) -> Poses:
     """Points on the rim, between and at the centre of the table at two heights, at every combination of rotary positions."""
     machine, space = subject.machine, subject.machine.workspace
     radius = space.table_radius or RADIUS
@@ -44,8 +44,8 @@ def workspace_poses(subject: Subject, steps: int = 7) -> Poses:
         axis = machine.axes[name]
         low, high = (v * axis.to_internal for v in axis.travel)
         full = axis.rotary and high - low >= 2.0 * np.pi
-        ranges.append(np.linspace(-np.pi, np.pi, 2 * steps, endpoint=False) if full
-                      else np.linspace(low, high, steps) if axis.rotary else np.zeros(1))  # fmt: skip
+        ranges.append(np.linspace(-np.pi, np.pi, 2 * STEPS, endpoint=False) if full
+                      else np.linspace(low, high, STEPS) if axis.rotary else np.zeros(1))  # fmt: skip
     positions = np.array(list(itertools.product(*ranges)))
     q = np.repeat(positions, len(targets), axis=0)
     wanted = np.tile(targets, (len(positions), 1))

@@ -52,7 +52,7 @@ def setp_files(subject: Subject, prefix: str) -> dict[str, str]:
     """The HAL file. Raises `InputError` for machines that are not trunnions of the form XYZAC or XYZBC."""
     tilt = _tilt(subject)
     module = f"xyz{tilt.lower()}c-trt-kins"
-    fit, changes = entered_fit(subject, workspace_poses(subject))
+    fit, changes = entered_fit(subject)
     lateral = "x-offset" if tilt == "B" else "y-offset"
     pins = ("x-rot-point", "y-rot-point", lateral, "z-offset")
     known = "not known: nothing was measured, the design values stand."
@@ -94,10 +94,10 @@ def _said(change: Change) -> str:
     return f"{words}, changed by {spread}" if change.entered else f"{words}, change {spread}: {change.reason}"
 
 
-def entered_fit(subject: Subject, poses: Poses) -> tuple[TrunnionFit, list[Change]]:
+def entered_fit(subject: Subject) -> tuple[TrunnionFit, list[Change]]:
     """The fit of the numbers that are entered, and all four changes: of those that are not, as they came out when they were
     dropped."""
-    free: tuple[int, ...] = (0, 1, 2, 3)
+    poses, free = workspace_poses(subject), tuple(range(4))
     said: dict[int, Change] = {}
     while True:
         fit = fit_trunnion(subject, poses, free)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from symfive.convert._chain import Vector
+from symfive.campaign import Vector
 from symfive.machine import ErrorTerm, Machine, Structure, Workspace, make_axis
 
 

@@ -14,11 +14,11 @@ from scipy.spatial.transform import Rotation
 
 from symfive.arrays import Array
 from symfive.campaign import Campaign, Run, SetupSigma
-from symfive.convert._chain import forward, placement, rounded
 from symfive.convert._files import files
 from symfive.convert._machine import serial_chain
 from symfive.errors import InputError
 from symfive.files import read_text
+from symfive.kinematics import forward, placement, rounded
 
 AXES = {  # direction, a point on the axis in mm, all axes at zero; the URDF's transforms multiplied out
     "L": ((0.0, 0.0, 1.0), (500.0, 0.0, 216.0)),

@@ -13,10 +13,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from symfive.campaign import Campaign, Run, SetupSigma
-from symfive.convert._chain import forward, placement, rounded
 from symfive.convert._files import files, table
 from symfive.convert._machine import serial_chain
 from symfive.errors import InputError
+from symfive.kinematics import forward, placement, rounded
 
 AXES = {  # direction, a point on the axis in mm, all axes at zero
     "J1": ((0.0, 0.0, 1.0), (0.0, 0.0, 0.0)),

@@ -13,11 +13,11 @@ from pathlib import Path
 
 import numpy as np
 
-from symfive.campaign import Campaign, Run, SetupSigma
-from symfive.convert._chain import Vector, axes_of_modified_dh, forward, rounded
+from symfive.campaign import Campaign, Run, SetupSigma, Vector
 from symfive.convert._files import files, positive_name, table
 from symfive.convert._machine import serial_chain
 from symfive.errors import InputError
+from symfive.kinematics import axes_of_modified_dh, forward, rounded
 from symfive.machine import Workspace
 
 PANDA_A = (0.0, 0.0, 0.0, 82.5, -82.5, 0.0, 88.0)

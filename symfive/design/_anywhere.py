@@ -14,16 +14,14 @@ from __future__ import annotations
 
 import itertools
 import math
+from dataclasses import replace
 
 import numpy as np
 
 from symfive.arrays import Array
-from symfive.design._candidates import candidates_in, pose_grid
-from symfive.design._exchange import Candidates
-from symfive.design._information import Task, inverse
-from symfive.design._refine import Rows
-from symfive.design._relaxed import marginal_sensitivity, relax
+from symfive.design._candidates import candidates_in, pose_grid, rows_of
 from symfive.design._space import Space
+from symfive.optimal import Candidates, Rows, Task, inverse, marginal_sensitivity, relax
 
 __all__ = ["bound_anywhere"]
 
@@ -79,10 +77,6 @@ def _many_setups(space: Space) -> tuple[Array, Array]:
 
 def _columns(space: Space, rows: Rows, grid: Candidates, active: list[int]) -> Candidates:
     """The plan's own rows and the grid's in the active set-ups, numbered in the order of `active`."""
-    own = Candidates(rows.z, rows.k, rows.group, space.kernel.rows(rows.z, rows.k))
     picked = grid.take(np.flatnonzero(np.isin(grid.group, active)))
     number = np.array([active.index(int(g)) for g in picked.group], dtype=np.int64)
-    return Candidates(
-        np.concatenate([own.z, picked.z]), np.concatenate([own.k, picked.k]), np.concatenate([own.group, number]),
-        np.concatenate([own.rows, picked.rows]),
-    )  # fmt: skip
+    return rows_of(space, rows).joined(replace(picked, group=number))

@@ -14,7 +14,6 @@ import numpy as np
 from symfive.arrays import Array, Indices
 from symfive.campaign import FIRST_LINE, Campaign, Run
 from symfive.design._assessment_data import assessment_data
-from symfive.design._information import inverse
 from symfive.design._space import Space, make_space
 from symfive.disk import new_table, release
 from symfive.effects import Effect
@@ -25,6 +24,7 @@ from symfive.instruments import instruments_of
 from symfive.machine import Machine
 from symfive.model import Model
 from symfive.numbers import plain_number, unit_words
+from symfive.optimal import inverse
 from symfive.parameters import Parameter
 from symfive.screen import OnScreen, listed
 from symfive.threads import one_thread

@@ -7,13 +7,12 @@ from collections.abc import Callable
 
 import numpy as np
 
-from symfive.design._information import Task
-from symfive.design._optimise import value_of
-from symfive.design._refine import Rows
+from symfive.design._candidates import value_of
 from symfive.design._schedule import SETUP_S, Schedule
 from symfive.design._space import Space
 from symfive.errors import InputError
 from symfive.machine import Machine
+from symfive.optimal import Rows, Task
 
 __all__ = ["affordable", "most_per_minute", "shortened"]
 
@@ -82,7 +81,7 @@ def shortened(space: Space, task: Task, rows: Rows, schedule: Schedule, seconds:
 
 def most_per_minute(space: Space, task: Task, rows: Rows, lay: Lay) -> Schedule:
     """The part of a design that lowers ψ most per minute, set-up included: the least informative ones are removed."""
-    before = task.value_of_marginal(task.prior)
+    before = task.value(task.prior)
 
     def rate(schedule: Schedule) -> float:
         return (before - value_of(space, task, schedule.rows)) / schedule.seconds

@@ -8,17 +8,30 @@ import math
 import numpy as np
 
 from symfive.arrays import Array, Indices
-from symfive.design._exchange import Candidates
-from symfive.design._information import Task, inverse
-from symfive.design._relaxed import marginal_sensitivity
 from symfive.design._space import Space
 from symfive.errors import InputError
+from symfive.optimal import Candidates, Rows, Task, inverse, marginal_sensitivity
 
-__all__ = ["best_setups", "candidates_in", "pose_grid", "setup_options"]
+__all__ = ["best_setups", "candidates_in", "information_of", "pose_grid", "rows_of", "setup_options", "value_of"]
 
 LEVELS = {"rotary": 13, "turn": 24, "bar azimuth": 12, "bar elevation": 7}
 PER_SETUP = 500
 ROUNDS, INNER = 4, 8
+
+
+def rows_of(space: Space, rows: Rows) -> Candidates:
+    """The rows of a design with what they tell."""
+    return Candidates(rows.z, rows.k, rows.group, space.kernel.rows(rows.z, rows.k))
+
+
+def information_of(space: Space, task: Task, rows: Rows) -> Array:
+    """Information of a design, prior included (size, size)."""
+    return task.information(space.kernel.rows(rows.z, rows.k), rows.group, rows.groups)
+
+
+def value_of(space: Space, task: Task, rows: Rows) -> float:
+    """ψ of a design."""
+    return task.value(information_of(space, task, rows))
 
 
 def setup_options(space: Space) -> tuple[Array, Array]:
@@ -113,7 +126,7 @@ def best_setups(
         gains = [_sensitivity(task, r, w) for r, w in zip(rows, weights, strict=True)]
         chosen = _best_of(task, gains, count)
         information = task.prior + sum((gains[i] for i in chosen), np.zeros_like(task.prior))
-        value = task.value_of_marginal(information)
+        value = task.value(information)
         if value >= best[0] - 1e-6:
             break
         best = (value, chosen)

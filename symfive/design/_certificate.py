@@ -18,13 +18,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from symfive.arrays import Array
-from symfive.design._exchange import Candidates
-from symfive.design._information import Task
+from symfive.design._candidates import rows_of, value_of
 from symfive.design._proof import bounded_sensitivity
-from symfive.design._refine import Rows
-from symfive.design._relaxed import Relaxed, marginal_sensitivity, relax
 from symfive.design._search import COARSE, FEW, MANY, Search
 from symfive.design._space import Space
+from symfive.optimal import Candidates, Relaxed, Rows, Task, marginal_sensitivity, relax
 
 __all__ = ["Certificate", "certify", "generate"]
 
@@ -119,25 +117,21 @@ class Generated:
         return self.columns.take(np.flatnonzero(self.relaxed.weights > SUPPORT))
 
 
-def certify(
-    space: Space, task: Task, rows: Rows, value: float | None = None, gap: float = GAP, *, prove: bool = True
-) -> Certificate:
-    """The certificate of a design `rows` with ψ = `value` (of its own rows, if None); without `prove` by search alone."""
-    points = len(rows.z)
-    if value is None:
-        value = task.value(task.information(space.kernel.rows(rows.z, rows.k), rows.group, rows.groups))
-    found = generate(space, task, rows, gap, value=value)
+def certify(space: Space, task: Task, rows: Rows, *, prove: bool = True) -> Certificate:
+    """The certificate of a design `rows`; without `prove` by search alone."""
+    points, value = len(rows.z), value_of(space, task, rows)
+    found = generate(space, task, rows, value=value)
     bound, rigour = (-math.inf, PROVED) if prove else (found.bound, SEARCHED)
     for _ in range(PROOFS if prove else 0):
-        slack = max(PROOF * gap, SHARP * (value - found.reached))
+        slack = max(PROOF * GAP, SHARP * (value - found.reached))
         proved = _proved(space, task, rows, found, slack)
         if proved is None:
             bound, rigour = found.bound, SEARCHED
             break
         bound = max(bound, _bound(task, found.relaxed, rows.groups, points, proved[0]))
-        if proved[2] or found.reached - bound <= gap + 2.0 * slack:
+        if proved[2] or found.reached - bound <= GAP + 2.0 * slack:
             break
-        found = generate(space, task, rows, gap, value=value, more=_joined(found.columns, proved[1]))
+        found = generate(space, task, rows, value=value, more=found.columns.joined(proved[1]))
     efficiency = min(1.0, math.exp(bound - value))
     return Certificate(efficiency, value, bound, min(value, found.reached), rigour, found.rounds, points)
 
@@ -158,7 +152,7 @@ def _proved(
         exhausted |= proved.exhausted
         some = np.concatenate([proved.better, np.tile(z[rows.poses :], (n, 1))], axis=1)
         lengths = np.tile(k, (n, 1))
-        better = _joined(better, Candidates(some, lengths, np.full(n, g), space.kernel.rows(some, lengths)))
+        better = better.joined(Candidates(some, lengths, np.full(n, g), space.kernel.rows(some, lengths)))
     return highest, better.take(np.arange(len(found.best), len(better))), exhausted
 
 
@@ -170,12 +164,9 @@ def generate(
     design meet to `gap`; `more` poses to begin with. With ψ = `value` of a plan, for its certificate: until they meet to a small
     share of the distance to that, by searches that ascend to the maxima and in the end start from more poses."""
     points = points or len(rows.z)
-    setups = np.stack([rows.z[rows.group == g][0, rows.poses :] for g in range(rows.groups)])
-    lengths = np.stack([rows.k[rows.group == g][0] for g in range(rows.groups)])
-    search = Search(space, task, setups, lengths)
-    own = Candidates(rows.z, rows.k, rows.group, space.kernel.rows(rows.z, rows.k))
-    columns = _joined(own, search.grid.take(np.arange(0, len(search.grid), max(1, len(search.grid) // FIRST))))
-    columns = columns if more is None else _joined(columns, more)
+    search, own = Search(space, task, *rows.setups), rows_of(space, rows)
+    columns = own.joined(search.grid.take(np.arange(0, len(search.grid), max(1, len(search.grid) // FIRST))))
+    columns = columns if more is None else columns.joined(more)
     given, certain = len(own), math.isfinite(value)
     weights = np.concatenate(
         [np.full(given, points / given), np.full(len(columns) - given, 0.1 * points / len(columns))]
@@ -201,7 +192,7 @@ def generate(
             break
         if done:  # what few starts have missed would be in the bound
             bound, starts, history = -math.inf, MANY, []
-        columns = _joined(columns.take(kept), fresh)
+        columns = columns.take(kept).joined(fresh)
         weights = np.concatenate([relaxed.weights[kept], np.full(len(fresh), 0.02 * points / len(fresh))])
     return Generated(search, columns, relaxed, reached, bound, rounds, top, fresh)
 
@@ -231,7 +222,3 @@ def _extended(task: Task, relaxed: Relaxed, columns: Candidates, grid: Candidate
 
 def _bound(task: Task, relaxed: Relaxed, groups: int, points: int, top: float) -> float:
     return relaxed.value - math.log(float(np.sum(relaxed.pull * task.prior_information(groups))) + points * top)
-
-
-def _joined(a: Candidates, b: Candidates) -> Candidates:
-    return Candidates(*(np.concatenate([getattr(a, n), getattr(b, n)]) for n in ("z", "k", "group", "rows")))

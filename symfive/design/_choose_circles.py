@@ -6,9 +6,9 @@ from collections.abc import Iterable, Sequence
 
 from symfive.campaign import Run
 from symfive.design._circles import Circle, Goal
-from symfive.design._ways import cleared
 from symfive.errors import InputError
 from symfive.machine import Machine
+from symfive.moves import cleared
 from symfive.nc import LETTERS
 
 __all__ = ["check_clear", "chosen_clear"]

@@ -9,17 +9,14 @@ import numpy as np
 
 from symfive.arrays import Array, Indices
 from symfive.campaign import Campaign, Run
-from symfive.design._criteria import Criterion
-from symfive.design._information import inverse
 from symfive.design._paths import CircleShape, circle_runs
 from symfive.effects import Effect
 from symfive.machine import Machine
 from symfive.model import Model
+from symfive.optimal import Criterion, inverse
 from symfive.procedures import heights
 
 __all__ = ["Circle", "Goal", "circle_information", "circle_of_runs", "measured", "true_values", "typical_values"]
-
-ROBUST = ("nominal", "mean", "worst")
 
 
 @dataclass(frozen=True)
@@ -65,10 +62,10 @@ def typical_values(model: Model) -> Array:
     return vector
 
 
-def true_values(model: Model, draws: int, seed: int = 0) -> list[Array]:
+def true_values(model: Model, draws: int) -> list[Array]:
     """Typical values first, then `draws` in which the effects' parameters are drawn from their priors, within bounds."""
     found = [typical_values(model)]
-    generator = np.random.default_rng(seed)
+    generator = np.random.default_rng(0)
     effects = [i for i, p in enumerate(model.parameters) if p.kind == "effect"]
     for _ in range(draws):
         vector = found[0].copy()

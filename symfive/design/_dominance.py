@@ -12,11 +12,11 @@ import math
 import numpy as np
 
 from symfive.arrays import Array
-from symfive.design._information import Task
-from symfive.design._refine import Rows
+from symfive.design._candidates import information_of
 from symfive.design._setup_errors import NOISE_HARDLY, SETUP_ERRORS
 from symfive.design._space import Space
 from symfive.numbers import plain_number
+from symfive.optimal import Rows, Task
 
 __all__ = ["what_dominates"]
 
@@ -28,7 +28,7 @@ GROUPS = {error.name: error for error in SETUP_ERRORS}
 def what_dominates(space: Space, task: Task, rows: Rows) -> list[str]:
     """One sentence where the criterion hardly moves with the number of poses; nothing where it does."""
     prior = task.prior_information(rows.groups)
-    read = task.information(space.kernel.rows(rows.z, rows.k), rows.group, rows.groups) - prior
+    read = information_of(space, task, rows) - prior
     now = task.value(prior + read)
     more = task.value(prior + MORE * read)
     if math.exp(0.5 * (more - now)) < NOISE_HARDLY:

@@ -25,10 +25,10 @@ from symfive.design._assessment_data import assessment_data
 from symfive.design._choose_circles import check_clear, chosen_clear
 from symfive.design._circle_certificate import CircleCertificate, certify_circles, farthest, fastest
 from symfive.design._circle_words import circle_words, gain_words, limit_words, list_end_words, sigma_words, warnings_of
-from symfive.design._circles import ROBUST, Circle, Goal, circle_information, circle_of_runs, measured
-from symfive.design._criteria import criterion_of
+from symfive.design._circles import Circle, Goal, circle_information, circle_of_runs, measured
 from symfive.design._paths import FAMILIES, CircleShape, circle_runs
 from symfive.design._refine_circles import CircleObjective, refined_shapes
+from symfive.design._request import check_robust
 from symfive.design._write import SCHEMA, write_circles
 from symfive.effects import Effect
 from symfive.errors import InputError
@@ -36,6 +36,7 @@ from symfive.given import machine_given
 from symfive.machine import Machine
 from symfive.model import Model
 from symfive.nc import Post
+from symfive.optimal import criterion_of
 from symfive.outputs import output_folder
 from symfive.parameters import Parameter
 from symfive.procedures import PLANES, campaign_of, circle_frame, heights, senses
@@ -183,8 +184,7 @@ def _check(
 ) -> None:
     if family not in FAMILIES:
         raise InputError(f'there are no "{family}" circles', remedy=f"use one of {', '.join(FAMILIES)}")
-    if robust not in ROBUST:
-        raise InputError(f'robust = "{robust}" is unknown', remedy=f"use one of {', '.join(ROBUST)}")
+    check_robust(robust)
     if count < 1:
         raise InputError(f"count = {count} is too few", remedy="give at least 1")
     for name in free or ():

@@ -12,11 +12,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from symfive.design._information import Task
-from symfive.design._optimise import value_of
-from symfive.design._refine import Rows
+from symfive.design._candidates import value_of
 from symfive.design._space import Space
 from symfive.errors import InputError
+from symfive.optimal import Rows, Task
 
 __all__ = ["indexed", "worth_indexing"]
 

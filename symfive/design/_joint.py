@@ -11,13 +11,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from symfive.design._exchange import Candidates
-from symfive.design._information import Task
-from symfive.design._optimise import value_of
-from symfive.design._refine import Rows
+from symfive.design._candidates import information_of, value_of
 from symfive.design._schedule import Schedule
 from symfive.design._space import Space
 from symfive.nc import Post
+from symfive.optimal import Candidates, Rows, Task
 
 __all__ = ["chosen_with_moves", "price"]
 
@@ -77,7 +75,7 @@ def _exchanged(
     own = own[moves.seated.reached_from(int(moves.order[beyond]), candidates.z[own])]
     if not own.size:
         return None
-    information = task.information(space.kernel.rows(rows.z, rows.k), rows.group, rows.groups)
+    information = information_of(space, task, rows)
     layout = task.layout(rows.groups)
     leaving = layout.embed(space.kernel.rows(rows.z[[pose]], rows.k[[pose]]), rows.group[[pose]])[0]
     entering = layout.embed(candidates.rows[own], candidates.group[own])

@@ -12,7 +12,6 @@ import numpy as np
 from symfive.campaign import Campaign, Run, SetupSigma
 from symfive.design._assess import Assessment, assess
 from symfive.design._assessment_data import six_digits
-from symfive.design._information import Task
 from symfive.design._minutes import Mixes
 from symfive.design._mountings import BAR, Mounting, mounting_of, mountings_of, with_circles
 from symfive.design._plan import Plan
@@ -20,6 +19,7 @@ from symfive.design._request import interest_of, task_of
 from symfive.design._space import Space, make_space
 from symfive.errors import InputError
 from symfive.machine import Machine
+from symfive.optimal import Task
 from symfive.threads import one_thread
 
 __all__ = [

@@ -24,11 +24,9 @@ from functools import cached_property
 import numpy as np
 
 from symfive.arrays import Array
-from symfive.design._exchange import Candidates
-from symfive.design._information import Task, inverse
 from symfive.design._mountings import Mounting
-from symfive.design._relaxed import marginal_sensitivity, relax
 from symfive.design._schedule import SETUP_S
+from symfive.optimal import Candidates, Task, inverse, marginal_sensitivity, relax
 
 __all__ = ["Mix", "Mixes"]
 
@@ -113,7 +111,7 @@ class Mixes:
             for place, kind in enumerate(kinds):
                 others = [gains[k][i] for p, (k, i) in enumerate(zip(kinds, picked, strict=False)) if p != place]
                 known = self.task.prior + sum(others, np.zeros_like(self.task.prior))
-                values = [self.task.value_of_marginal(known + gain) for gain in gains[kind]]
+                values = [self.task.value(known + gain) for gain in gains[kind]]
                 least = int(np.argmin(values))
                 if place == len(picked):
                     picked.append(least)
@@ -132,7 +130,7 @@ class Mixes:
         )
         weights = np.split(found.weights, np.cumsum([len(m.rows) for m in chosen])[:-1])
         known = self.task.prior + sum(m.added(w, len(self.task.prior)) for m, w in zip(chosen, weights, strict=True))
-        return Mix(kinds, self.task.value_of_marginal(known), tuple(chosen), tuple(weights))
+        return Mix(kinds, self.task.value(known), tuple(chosen), tuple(weights))
 
     def single(self) -> dict[str, Mix]:
         """The best mix of each kind alone."""
@@ -158,10 +156,9 @@ class Mixes:
             for kind in self.of_kind:
                 yield (*less, kind)
 
-    def lowest(self, among: Sequence[Kinds] | None = None) -> float:
-        """The lowest ψ that any plan of these mixes (of all, if None) can have, to `GAP` of what one of them reaches where whole
-        mountings can."""
-        mixes = self.all if among is None else list(among)
+    def lowest(self) -> float:
+        """The lowest ψ that any plan of these mixes can have, to `GAP` of what one of them reaches where whole mountings can."""
+        mixes = self.all
         bounds = dict.fromkeys(mixes, -math.inf)
         alone = [kinds for kinds in mixes if len(set(kinds)) == 1] or mixes
         lowest = min(alone, key=lambda kinds: self.reached(kinds).value)
@@ -262,7 +259,7 @@ class _Master:
     def _weigh(self) -> None:
         added = np.tensordot(self.share, np.stack([atom.added for atom in self.atoms]), 1)
         self.information = self.task.prior + added
-        self.value = self.task.value_of_marginal(self.information)
+        self.value = self.task.value(self.information)
 
     def extended(self, fresh: Sequence[_Atom]) -> None:
         """The same with further mountings, weighed again (sequential quadratic programming, D. Kraft 1988)."""

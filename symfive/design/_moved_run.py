@@ -18,7 +18,6 @@ import numpy as np
 from symfive.arrays import Array, Indices
 from symfive.campaign import Run
 from symfive.compiled import Mapped
-from symfive.design._information import inverse
 from symfive.design._paths import CirclePath
 from symfive.errors import InputError
 from symfive.instruments import instruments_of
@@ -34,6 +33,7 @@ from symfive.motion import (
     Velocity,
     moved_response,
 )
+from symfive.optimal import inverse
 
 __all__ = ["MovedRun"]
 

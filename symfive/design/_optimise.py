@@ -9,15 +9,21 @@ from concurrent.futures import Executor
 import numpy as np
 
 from symfive.arrays import Indices
-from symfive.design._candidates import PER_SETUP, best_setups, candidates_in, pose_grid, setup_options
+from symfive.design._candidates import (
+    PER_SETUP,
+    best_setups,
+    candidates_in,
+    pose_grid,
+    rows_of,
+    setup_options,
+    value_of,
+)
 from symfive.design._certificate import generate
-from symfive.design._exchange import Candidates, both_ways, choose, exchange, greedy
-from symfive.design._information import Task
-from symfive.design._refine import Rows, refine
 from symfive.design._space import Space
 from symfive.design._starts import each
+from symfive.optimal import Rows, Task, both_ways, choose, exchange, greedy, refine
 
-__all__ = ["optimise", "value_of"]
+__all__ = ["optimise"]
 
 LARGEST_REFINED = 80
 """Poses up to which the continuous refinement runs; beyond, whole numbers of the relaxed design's poses are as good."""
@@ -32,11 +38,6 @@ PART = 0.6
 DENSE = 3 * PER_SETUP
 """Poses by which set-ups are compared. They rank as their best poses do, and what few poses miss of these is more than set-ups
 differ by."""
-
-
-def value_of(space: Space, task: Task, rows: Rows) -> float:
-    """ψ of a design."""
-    return task.value(task.information(space.kernel.rows(rows.z, rows.k), rows.group, rows.groups))
 
 
 def optimise(
@@ -87,7 +88,7 @@ def _best(feasible: list[tuple[float, Rows]]) -> Rows:
 
 def _rounded_relaxed(space: Space, task: Task, rows: Rows, feasible: list[tuple[float, Rows]]) -> None:
     """Whole numbers of the poses that the relaxed design in the same set-ups uses, refined; and the design itself, further."""
-    both = _joined(_own(space, rows), generate(space, task, rows, LOOSE, FEW_ROUNDS).support)
+    both = rows_of(space, rows).joined(generate(space, task, rows, LOOSE, FEW_ROUNDS).support)
     n = len(rows.z)
     for first in (np.arange(n), greedy(task, both, rows.groups, n, -(-n // rows.groups))):
         chosen = exchange(task, both, rows.groups, first)
@@ -102,17 +103,9 @@ def _rounded_relaxed(space: Space, task: Task, rows: Rows, feasible: list[tuple[
 
 def _many(space: Space, task: Task, rows: Rows, points: int) -> Rows:
     """A larger design in the set-ups of `rows`: whole numbers of the poses that the relaxed design of `points` poses uses."""
-    both = _joined(_own(space, rows), generate(space, task, rows, LOOSE, FEW_ROUNDS, points=points).support)
+    both = rows_of(space, rows).joined(generate(space, task, rows, LOOSE, FEW_ROUNDS, points=points).support)
     picked = both.take(choose(task, both, rows.groups, points))
     return Rows.of(picked.z, picked.k, picked.group, rows.poses)
-
-
-def _own(space: Space, rows: Rows) -> Candidates:
-    return Candidates(rows.z, rows.k, rows.group, space.kernel.rows(rows.z, rows.k))
-
-
-def _joined(a: Candidates, b: Candidates) -> Candidates:
-    return Candidates(*(np.concatenate([getattr(a, n), getattr(b, n)]) for n in ("z", "k", "group", "rows")))
 
 
 def _parts(space: Space, setups: int, starts: int, seed: int) -> list[tuple[Indices | None, Indices | None]]:
@@ -151,11 +144,9 @@ def _refined(space: Space, task: Task, rows: Rows, steps: int) -> tuple[float, R
 
 
 def _exchanged(space: Space, task: Task, rows: Rows, value: float) -> tuple[Rows, float]:
-    setups = np.stack([rows.z[rows.group == g][0, rows.poses :] for g in range(rows.groups)])
-    lengths = np.stack([rows.k[rows.group == g][0] for g in range(rows.groups)])
-    grid = candidates_in(space, setups, lengths, pose_grid(space, PER_SETUP, len(rows.z)))
+    grid = candidates_in(space, *rows.setups, pose_grid(space, PER_SETUP, len(rows.z)))
     n = len(rows.z)
-    both = _joined(_own(space, rows), grid)
+    both = rows_of(space, rows).joined(grid)
     chosen = exchange(task, both, rows.groups, np.arange(n), passes=3)
     picked = both.take(chosen)
     moved = Rows.of(picked.z, picked.k, picked.group, rows.poses)

@@ -20,13 +20,13 @@ from symfive.campaign import Campaign, Run
 from symfive.compiled import Mapped
 from symfive.design._assess import Assessment
 from symfive.design._assessment_data import six_digits
-from symfive.design._criteria import Criterion, Trace, Worst
 from symfive.design._space import DIGITS, Space, follow
 from symfive.errors import InputError
 from symfive.inference import windows_of
 from symfive.machine import Machine
 from symfive.model import Model
 from symfive.numbers import plain_number
+from symfive.optimal import Criterion, Trace, Worst
 from symfive.toolpath import ToolPath
 
 __all__ = ["Expected", "Part", "part_criterion"]

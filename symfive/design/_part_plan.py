@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from symfive.design._assessment_data import six_digits
-from symfive.design._information import Task, inverse
 from symfive.design._part import Expected, Part
 from symfive.design._schedule import SETUP_S
 from symfive.design._space import Space
 from symfive.errors import InputError
 from symfive.machine import Machine
 from symfive.numbers import plain_number
+from symfive.optimal import Task, inverse
 from symfive.toolpath import ToolPath, read_tool_path
 
 if TYPE_CHECKING:

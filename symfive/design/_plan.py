@@ -15,25 +15,22 @@ import numpy as np
 from symfive.campaign import Campaign, Run, SetupSigma
 from symfive.design._anywhere import bound_anywhere
 from symfive.design._assess import Assessment, assess
-from symfive.design._budget import affordable
+from symfive.design._candidates import value_of
 from symfive.design._certificate import Certificate, certify
-from symfive.design._criteria import Criterion, name_of
 from symfive.design._indexing import indexed, worth_indexing
-from symfive.design._information import Task
-from symfive.design._optimise import optimise, value_of
-from symfive.design._part import part_criterion
+from symfive.design._optimise import optimise
+from symfive.design._part import Part, part_criterion
 from symfive.design._part_plan import PartPlan, compared, mountings_in, part_given
 from symfive.design._plan_notes import plan_notes
 from symfive.design._plan_search import PlanSearch
-from symfive.design._refine import Rows
-from symfive.design._request import check_counts, interest_of, refuse_unseen, task_of, with_bars
+from symfive.design._request import Request, interest_of, refuse_unseen, task_of, with_bars
 from symfive.design._robust import drawn_spaces, lost_pose, over_prior
 from symfive.design._schedule import Schedule
-from symfive.design._space import Space, make_space
-from symfive.errors import InputError
+from symfive.design._space import Space
 from symfive.given import campaign_given, machine_given
 from symfive.machine import Machine
 from symfive.nc import Post
+from symfive.optimal import Criterion, Rows, Task, name_of
 from symfive.outputs import output_folder
 from symfive.screen import OnScreen, listed
 from symfive.threads import one_thread
@@ -41,8 +38,6 @@ from symfive.toolpath import ToolPath
 
 __all__ = ["Plan", "plan"]
 
-FRAMES = ("workpiece", "machine", "tool")
-ROBUST = ("nominal", "mean", "worst")
 INDEXED = (
     "the spindle is indexed in every run: for this part this gains more than one further pose (--no-index forbids it)"
 )
@@ -154,111 +149,93 @@ def plan(
     Raises `InputError` where no pose can be reached, no bar fits, or a parameter is seen by no plan.
     """
     machine = with_bars(machine_given(machine), lengths)
-    given = None if given is None else campaign_given(given)
-    check_counts(
-        machine, {"points": points, "setups": setups, "repeats": repeats, "returns": returns, "starts": starts}
-    )
-    if robust not in ROBUST:
-        raise InputError(f'robust = "{robust}" is unknown', remedy=f"use one of {', '.join(ROBUST)}")
-    if not (noise_um > 0.0 and math.isfinite(noise_um)):
-        raise InputError(f"noise_um = {noise_um:g} is not positive", remedy="give the instrument's 1σ in µm")
-    options = _options_of(instrument, frame)
-    route = part_given(machine, part, tuple(for_))
-    criterion = criterion or ("D" if route is None else "G")
-    space = make_space(
-        machine, instrument, noise_um=noise_um / math.sqrt(repeats), setup_sigma=setup_sigma, options=options
-    )
-    sought = None if route is None else part_criterion(route, space, name_of(criterion))
-    ordinary = None
-    if route is not None:
-        setups = setups if minutes is None or setups is not None else mountings_in(minutes)
-        progress("D plan for comparison")
-        ordinary = plan(
-            machine, instrument=instrument, points=points, given=given, setups=setups, minutes=minutes, returns=returns,
-            repeats=repeats, noise_um=noise_um, setup_sigma=setup_sigma, frame=frame, index=bool(index), starts=starts,
-            anywhere=False, prove=False, seed=seed, pool=pool, progress=progress,
-        )  # fmt: skip
-        minutes = minutes or ordinary.minutes
-        setups = setups or mountings_in(minutes)
-    names = tuple(p.name for p in space.shared)
-    wanted = interest_of(names, tuple(for_))
-    task = task_of(space, criterion if sought is None else sought, wanted, given)
-    shares = affordable(machine, minutes, points, setups or (3 if instrument == "ball_bar" else 2), returns, repeats)
-    points, runs = shares[-1]
-    decided = index is None and route is not None
-    if decided:
-        index = worth_indexing(space, task, optimise(space, task, points, runs, starts=1, seed=seed)[0])
-    index = bool(index)
-    task = indexed(space, task) if index else task
-    refuse_unseen(space, task, points, names)
-    progress(f"{len(names)} parameters, {points} poses, at most {runs} set-ups")
-
-    search = PlanSearch(
-        space, task, minutes, returns=returns, repeats=repeats, noise_um=noise_um, index=index, starts=starts, seed=seed,
+    request = Request(
+        criterion=criterion or ("D" if part is None else "G"), for_=tuple(for_),
+        given=None if given is None else campaign_given(given), robust=robust, survive=survive,
+        machine=machine, instrument=instrument, setups=setups, noise_um=noise_um, setup_sigma=setup_sigma, frame=frame,
+        index=index, returns=returns, repeats=repeats,
+        points=points, minutes=minutes, per_minute=per_minute, starts=starts, anywhere=anywhere, prove=prove, seed=seed,
         pool=pool, progress=progress,
     )  # fmt: skip
-    rows, values = search.best(shares)
-    drawn = drawn_spaces(machine, space, REPORTED_DRAWS if robust == "nominal" else DRAWS)
-    if per_minute:
+    route = part_given(machine, part, request.for_)
+    return _planned(request) if route is None else _planned_for(request, route)
+
+
+def _planned(request: Request) -> Plan:
+    """The plan for the parameters that are asked for."""
+    space = request.space()
+    wanted = interest_of([p.name for p in space.shared], request.for_)
+    task = task_of(space, request.criterion, wanted, request.given)
+    return _searched(request, space, indexed(space, task) if request.index else task)
+
+
+def _planned_for(request: Request, part: Part) -> Plan:
+    """The plan for a part, compared with the D plan in the same time."""
+    space, minutes = request.space(), request.minutes
+    criterion = part_criterion(part, space, name_of(request.criterion))
+    if minutes is not None:
+        request = replace(request, setups=request.setups or mountings_in(minutes))
+    request.progress("D plan for comparison")
+    ordinary = _planned(
+        replace(
+            request, criterion="D", index=bool(request.index), per_minute=False, survive=False, robust="nominal", anywhere=False,
+            prove=False,
+        )
+    )  # fmt: skip
+    minutes = minutes or ordinary.minutes
+    request = replace(request, minutes=minutes, setups=request.setups or mountings_in(minutes))
+    task, notes = task_of(space, criterion, [p.name for p in space.shared], request.given), list[str]()
+    if request.index is None:
+        design, _ = optimise(space, task, *request.shares[-1], starts=1, seed=request.seed)
+        request = replace(request, index=worth_indexing(space, task, design))
+        notes += [INDEXED] if request.index else []
+    task = indexed(space, task) if request.index else task
+    made = _searched(request, space, task)
+    return replace(made, part=compared(part, space, task, ordinary, made), notes=(*notes, *made.notes))
+
+
+def _searched(request: Request, space: Space, task: Task) -> Plan:
+    """The plan for a task: search, moves, certificate, and what is expected of it."""
+    names = [p.name for p in space.shared]
+    points, runs = request.shares[-1]
+    refuse_unseen(space, task, points, names)
+    request.progress(f"{len(names)} parameters, {points} poses, at most {runs} set-ups")
+    search = PlanSearch(request, space, task)
+    rows, values = search.best(request.shares)
+    drawn = drawn_spaces(request.machine, space, REPORTED_DRAWS if request.robust == "nominal" else DRAWS)
+    if request.per_minute:
         rows, values = search.most_per_minute(rows, values)
-    if robust != "nominal":
-        rows = search.robust(rows, drawn, robust)
-    if survive:
+    if request.robust != "nominal":
+        rows = search.robust(rows, drawn, request.robust)
+    if request.survive:
         rows = search.surviving(rows)
     schedule, post = search.driven(rows)
-    progress("computing the certificate")
-    certificate = _certified(space, task, schedule.rows, runs, anywhere, prove)
-    made = _finished(
-        space,
-        task,
-        schedule,
-        post,
-        certificate,
-        values,
-        given,
-        name_of(criterion),
-        wanted,
-        over_prior(drawn, task, schedule.rows),
-    )
-    if route is None or ordinary is None:
-        return made
-    chosen = (INDEXED,) if decided and index else ()
-    return replace(made, part=compared(route, space, task, ordinary, made), notes=(*chosen, *made.notes))
+    request.progress("computing the certificate")
+    certificate = _certified(request, space, task, schedule.rows)
+    return _finished(search, schedule, post, certificate, values, over_prior(drawn, task, schedule.rows))
 
 
-def _options_of(instrument: str, frame: str) -> dict[str, str]:
-    """The instrument's options in a campaign. Raises `InputError`."""
-    if frame not in FRAMES:
-        raise InputError(f'frame = "{frame}" is unknown', remedy=f"use one of {', '.join(FRAMES)}")
-    if frame == FRAMES[0]:
-        return {}
-    if instrument != "r_test":
-        raise InputError(f"readings of {instrument} have no frame", remedy="use instrument r_test")
-    return {"frame": frame}
-
-
-def _certified(space: Space, task: Task, rows: Rows, runs: int, anywhere: bool, prove: bool) -> Certificate:
-    certificate = certify(space, task, rows, prove=prove)
-    if not anywhere:
+def _certified(request: Request, space: Space, task: Task, rows: Rows) -> Certificate:
+    certificate = certify(space, task, rows, prove=request.prove)
+    if not request.anywhere:
         return certificate
-    bound = min(certificate.bound, bound_anywhere(space, task, rows, runs))
+    bound = min(certificate.bound, bound_anywhere(space, task, rows, request.shares[-1][1]))
     return replace(certificate, anywhere=min(1.0, math.exp(bound - certificate.value)))
 
 
 def _finished(
-    space: Space, task: Task, schedule: Schedule, post: Post, certificate: Certificate, values: tuple[float, ...],
-    given: Campaign | None, criterion: str, wanted: tuple[str, ...], drawn: tuple[float, float],
+    search: PlanSearch, schedule: Schedule, post: Post, certificate: Certificate, values: tuple[float, ...],
+    drawn: tuple[float, float],
 ) -> Plan:  # fmt: skip
-    rows, machine = schedule.rows, space.machine
-    value = value_of(space, task, rows)
-    expected = assess(schedule.campaign, given=given)
+    request, space, task, rows = search.request, search.space, search.task, schedule.rows
+    value, before = value_of(space, task, rows), task.value(task.prior)
+    expected = assess(schedule.campaign, given=request.given)
     left, _ = lost_pose(task, space.kernel.rows(rows.z, rows.k), rows.group, rows.groups)
-    before = task.value_of_marginal(task.prior)
     return Plan(
-        machine=machine, instrument=space.instrument, criterion=criterion, interest=wanted, campaign=schedule.campaign,
-        certificate=certificate, assessment=expected, starts=values,
-        minutes=schedule.seconds / 60.0, unsafe=schedule.unsafe, lost=math.exp(value - left),
+        machine=request.machine, instrument=request.instrument, criterion=name_of(request.criterion),
+        interest=tuple(space.shared[i].name for i in task.interest), campaign=schedule.campaign, certificate=certificate,
+        assessment=expected, starts=values, minutes=schedule.seconds / 60.0, unsafe=schedule.unsafe, lost=math.exp(value - left),
         over_prior=(math.exp(value - drawn[0]), math.exp(value - drawn[1])),
         information_per_minute=(before - value) / (schedule.seconds / 60.0), drift=schedule.drift, post=post,
-        notes=plan_notes(space, task, schedule, certificate, expected, given),
+        notes=plan_notes(space, task, schedule, certificate, expected, request.given),
     )  # fmt: skip

@@ -6,11 +6,11 @@ from symfive.campaign import Campaign
 from symfive.design._assess import Assessment, assess
 from symfive.design._certificate import Certificate
 from symfive.design._dominance import what_dominates
-from symfive.design._information import Task
 from symfive.design._rounding import not_rounded
 from symfive.design._schedule import Schedule
 from symfive.design._space import Space
 from symfive.numbers import with_unit
+from symfive.optimal import Task
 
 __all__ = ["plan_notes"]
 

@@ -2,27 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from concurrent.futures import Executor
-from dataclasses import KW_ONLY, dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from symfive.design._budget import most_per_minute, shortened
-from symfive.design._candidates import PER_SETUP, candidates_in, pose_grid
-from symfive.design._exchange import Candidates
-from symfive.design._information import Task
+from symfive.design._candidates import PER_SETUP, candidates_in, pose_grid, value_of
 from symfive.design._joint import chosen_with_moves
-from symfive.design._optimise import optimise, value_of
+from symfive.design._optimise import optimise
 from symfive.design._reach import Reach, with_ways_out
-from symfive.design._refine import Rows
+from symfive.design._request import Request
 from symfive.design._robust import robust_exchange, survive_a_lost_pose
 from symfive.design._rounding import on_grid, one_tool, rounded
 from symfive.design._schedule import Schedule, retimed, scheduled
 from symfive.design._space import Space
-from symfive.design._ways import cleared
+from symfive.moves import cleared
 from symfive.nc import LETTERS, Post
+from symfive.optimal import Candidates, Rows, Task
 
 __all__ = ["PlanSearch"]
 
@@ -34,20 +32,11 @@ Found = tuple[Rows, tuple[float, ...]]
 
 @dataclass(frozen=True)
 class PlanSearch:
-    """The search for one plan of at most `minutes`; the other settings are those of `plan`."""
+    """The search for the plan of a request."""
 
+    request: Request
     space: Space
     task: Task
-    minutes: float | None
-    _: KW_ONLY
-    returns: int
-    repeats: int
-    noise_um: float
-    index: bool
-    starts: int
-    seed: int
-    pool: Executor | None
-    progress: Callable[[str], None]
 
     def best(self, shares: Sequence[tuple[int, int]]) -> Found:
         """The best design of so many poses and at most so many runs, of several such pairs."""
@@ -59,26 +48,26 @@ class PlanSearch:
 
     def most_per_minute(self, rows: Rows, values: tuple[float, ...]) -> Found:
         """As many poses and runs of a design as are most informative per minute, or as many others that are better."""
-        self.progress("selecting the poses with most information per minute")
+        self.request.progress("selecting the poses with most information per minute")
         fewer = most_per_minute(self.space, self.task, rows, self._lay).rows
         again, psi = self._optimised(len(fewer.z), fewer.groups)
-        before = self.task.value_of_marginal(self.task.prior)
+        before = self.task.value(self.task.prior)
         rates = [(before - self._value(d)) / self._lay(d).seconds for d in (again, fewer)]
         return (again, psi) if rates[0] > rates[1] else (fewer, values)
 
     def robust(self, rows: Rows, drawn: Sequence[Space], how: str) -> Rows:
         """The design for the `mean` or `worst` of some machines."""
-        self.progress("improving the plan for machines drawn from the priors")
+        self.request.progress("improving the plan for machines drawn from the priors")
         return rounded(self.space, robust_exchange(drawn, self.task, rows, self._grid_in(rows), how))
 
     def surviving(self, rows: Rows) -> Rows:
         """The design for the loss of any one pose."""
-        self.progress("improving the plan for the loss of one pose")
+        self.request.progress("improving the plan for the loss of one pose")
         return rounded(self.space, survive_a_lost_pose(self.space, self.task, rows, self._grid_in(rows)))
 
     def driven(self, rows: Rows) -> tuple[Schedule, Post]:
         """The order of the poses and the clear ways between them, within the time; poses may be exchanged for it."""
-        self.progress("planning the moves between the poses")
+        self.request.progress("planning the moves between the poses")
         first = self._with_ways(self._fitted(self._with_ways_out(rows)))
 
         def again(design: Rows) -> tuple[Schedule, Post]:
@@ -87,9 +76,9 @@ class PlanSearch:
         schedule, post = chosen_with_moves(
             self.space, self.task, first, lambda: self._grid_on_steps(first[0].rows), again
         )
-        while self.minutes is not None and schedule.seconds > 60.0 * self.minutes:
+        while self.request.minutes is not None and schedule.seconds > 60.0 * self.request.minutes:
             estimate = self._lay(schedule.rows).seconds
-            fewer = self._shortened(schedule.rows, estimate - (schedule.seconds - 60.0 * self.minutes))
+            fewer = self._shortened(schedule.rows, estimate - (schedule.seconds - 60.0 * self.request.minutes))
             schedule, post = self._with_ways(fewer)
         return schedule, post
 
@@ -98,8 +87,8 @@ class PlanSearch:
 
     def _optimised(self, points: int, runs: int, starts: int | None = None) -> Found:
         design, psi = optimise(
-            self.space, self.task, points, runs, starts=starts or self.starts, seed=self.seed, pool=self.pool,
-            progress=self.progress,
+            self.space, self.task, points, runs, starts=starts or self.request.starts, seed=self.request.seed,
+            pool=self.request.pool, progress=self.request.progress,
         )  # fmt: skip
         return self._with_ways_out(one_tool(self.space, self.task, rounded(self.space, design))), psi
 
@@ -111,13 +100,19 @@ class PlanSearch:
         return with_ways_out(self._reach, self.task, rows)
 
     def _lay(self, rows: Rows) -> Schedule:
+        asked = self.request
         return scheduled(
-            self.space, rows, returns=self.returns, repeats=self.repeats, noise_um=self.noise_um, index=self.index
+            self.space,
+            rows,
+            returns=asked.returns,
+            repeats=asked.repeats,
+            noise_um=asked.noise_um,
+            index=bool(asked.index),
         )
 
     def _fitted(self, rows: Rows) -> Rows:
         """As much of a design as fits into the time."""
-        return rows if self.minutes is None else self._shortened(rows, 60.0 * self.minutes)
+        return rows if self.request.minutes is None else self._shortened(rows, 60.0 * self.request.minutes)
 
     def _shortened(self, rows: Rows, seconds: float) -> Rows:
         return shortened(self.space, self.task, rows, self._lay(rows), seconds, self._lay).rows
@@ -134,9 +129,7 @@ class PlanSearch:
 
     def _grid_in(self, rows: Rows) -> Candidates:
         """Poses of a grid in the set-ups of a design."""
-        setups = np.stack([rows.z[rows.group == g][0, rows.poses :] for g in range(rows.groups)])
-        lengths = np.stack([rows.k[rows.group == g][0] for g in range(rows.groups)])
-        return candidates_in(self.space, setups, lengths, pose_grid(self.space, PER_SETUP))
+        return candidates_in(self.space, *rows.setups, pose_grid(self.space, PER_SETUP))
 
     def _grid_on_steps(self, rows: Rows) -> Candidates:
         """The same as a person can set them."""

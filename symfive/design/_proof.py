@@ -15,12 +15,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from symfive.arrays import Array, Flags
-from symfive.design._bodies import NOSE_LENGTH
-from symfive.design._cells import TINY, Cells, Cut, FirstCells, first_cells
-from symfive.design._information import Layout
 from symfive.design._sensitivity import SensitivityFunction, sensitivity_function
 from symfive.design._space import PARALLEL, UNIT_MM, Space
-from symfive.design._spectrum import spectrum_of
+from symfive.moves import NOSE_LENGTH
+from symfive.optimal import TINY, Cells, Cut, FirstCells, Layout, first_cells, spectrum_of
 
 __all__ = ["Proved", "bounded_sensitivity"]
 

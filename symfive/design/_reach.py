@@ -6,14 +6,12 @@ import numpy as np
 
 from symfive.arrays import Array
 from symfive.campaign import Run
-from symfive.design._candidates import PER_SETUP, candidates_in, pose_grid
-from symfive.design._exchange import Candidates, exchange
-from symfive.design._information import Task
-from symfive.design._refine import Rows
+from symfive.design._candidates import PER_SETUP, candidates_in, pose_grid, rows_of
 from symfive.design._rounding import on_grid
 from symfive.design._space import Space
-from symfive.design._ways import REMEDY, Ways
 from symfive.errors import InputError
+from symfive.moves import REMEDY, Ways
+from symfive.optimal import Rows, Task, exchange
 
 __all__ = ["Reach", "with_ways_out"]
 
@@ -61,11 +59,8 @@ def with_ways_out(reach: Reach, task: Task, rows: Rows) -> Rows:
     if not any(met):
         return rows
     first = next(what for what in met if what)
-    own = Candidates(rows.z, rows.k, rows.group, space.kernel.rows(rows.z, rows.k))
-    setups = np.stack([rows.z[rows.group == g][0, rows.poses :] for g in range(rows.groups)])
-    lengths = np.stack([rows.k[rows.group == g][0] for g in range(rows.groups)])
-    grid = candidates_in(space, setups, lengths, on_grid(space, pose_grid(space, PER_SETUP)))
-    joined = Candidates(*(np.concatenate([getattr(own, n), getattr(grid, n)]) for n in ("z", "k", "group", "rows")))
+    grid = candidates_in(space, *rows.setups, on_grid(space, pose_grid(space, PER_SETUP)))
+    joined = rows_of(space, rows).joined(grid)
     count = len(rows.z)
     chosen, out = np.arange(count), np.zeros(len(joined), dtype=bool)
     while True:

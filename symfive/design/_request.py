@@ -1,29 +1,98 @@
-"""What is asked of a plan, checked: parameters, priors, bars, and what no plan can see."""
+"""What is asked of a plan, checked: its settings, parameters, priors, bars, and what no plan can see."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+import math
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from symfive.campaign import Campaign
+from symfive.campaign import Campaign, SetupSigma
 from symfive.design._assess import machine_information, workspace_places
+from symfive.design._budget import affordable
 from symfive.design._candidates import candidates_in, pose_grid, setup_options
-from symfive.design._criteria import Criterion, criterion_of
-from symfive.design._information import Task
-from symfive.design._space import Space
+from symfive.design._space import Space, make_space
 from symfive.errors import InputError
 from symfive.machine import Machine
+from symfive.optimal import Criterion, Task, criterion_of
 
-__all__ = ["check_counts", "interest_of", "refuse_unseen", "task_of", "with_bars"]
+__all__ = ["Request", "check_counts", "check_robust", "interest_of", "refuse_unseen", "task_of", "with_bars"]
 
 SEEN = 0.5
 """A parameter is seen by a plan where the posterior variance is below this share of its prior's."""
 LEAST = {"points": 2, "returns": 0}
 MOST = {"points": 10_000, "starts": 10_000}
+FRAMES = ("workpiece", "machine", "tool")
+ROBUST = ("nominal", "mean", "worst")
 BALL_MM = 12.7
 """Diameter of the balls of the usual ball bars (half an inch)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Request:
+    """A plan as it is asked for, by the arguments of `plan`: what is to be known, with what, and at what effort.
+
+    Raises `InputError` for settings that no plan has.
+    """
+
+    criterion: str | Criterion
+    for_: tuple[str, ...]
+    given: Campaign | None
+    robust: str
+    survive: bool
+
+    machine: Machine
+    instrument: str
+    setups: int | None
+    noise_um: float
+    setup_sigma: SetupSigma | None
+    frame: str
+    index: bool | None
+    returns: int
+    repeats: int
+
+    points: int
+    minutes: float | None
+    per_minute: bool
+    starts: int
+    anywhere: bool
+    prove: bool
+    seed: int
+    pool: Executor | None
+    progress: Callable[[str], None]
+
+    def __post_init__(self) -> None:
+        counts = ("points", "setups", "repeats", "returns", "starts")
+        check_counts(self.machine, {name: getattr(self, name) for name in counts})
+        check_robust(self.robust)
+        if not (self.noise_um > 0.0 and math.isfinite(self.noise_um)):
+            raise InputError(f"noise_um = {self.noise_um:g} is not positive", remedy="give the instrument's 1σ in µm")
+        if self.frame not in FRAMES:
+            raise InputError(f'frame = "{self.frame}" is unknown', remedy=f"use one of {', '.join(FRAMES)}")
+        if self.frame != FRAMES[0] and self.instrument != "r_test":
+            raise InputError(f"readings of {self.instrument} have no frame", remedy="use instrument r_test")
+
+    def space(self) -> Space:
+        """All poses and set-ups that the plan may choose from. Raises `InputError` where there is none."""
+        options = {} if self.frame == FRAMES[0] else {"frame": self.frame}
+        noise_um = self.noise_um / math.sqrt(self.repeats)
+        return make_space(
+            self.machine, self.instrument, noise_um=noise_um, setup_sigma=self.setup_sigma, options=options
+        )
+
+    @property
+    def shares(self) -> list[tuple[int, int]]:
+        """Numbers of poses and of runs that fit into the time, for every number of runs. Raises `InputError` for none."""
+        runs = self.setups or (3 if self.instrument == "ball_bar" else 2)
+        return affordable(self.machine, self.minutes, self.points, runs, self.returns, self.repeats)
+
+
+def check_robust(robust: str) -> None:
+    """Refuse what a plan cannot be robust for."""
+    if robust not in ROBUST:
+        raise InputError(f'robust = "{robust}" is unknown', remedy=f"use one of {', '.join(ROBUST)}")
 
 
 def with_bars(machine: Machine, lengths: Sequence[float]) -> Machine:

@@ -8,15 +8,14 @@ from dataclasses import replace
 import numpy as np
 
 from symfive.arrays import Array, Indices
-from symfive.design._exchange import Candidates
-from symfive.design._information import Task, inverse
-from symfive.design._refine import Rows
+from symfive.design._candidates import rows_of, value_of
 from symfive.design._space import Space, make_space
 from symfive.machine import Machine
+from symfive.optimal import Candidates, Rows, Task, inverse
 
 __all__ = ["drawn_spaces", "lost_pose", "over_prior", "robust_exchange", "survive_a_lost_pose"]
 
-SHORTLIST = 12
+SHORTLIST, PASSES = 12, 2
 
 
 def lost_pose(task: Task, rows: Array, group: Indices, groups: int) -> tuple[float, int]:
@@ -28,17 +27,17 @@ def lost_pose(task: Task, rows: Array, group: Indices, groups: int) -> tuple[flo
     return left[worst], worst
 
 
-def survive_a_lost_pose(space: Space, task: Task, rows: Rows, candidates: Candidates, passes: int = 2) -> Rows:
+def survive_a_lost_pose(space: Space, task: Task, rows: Rows, candidates: Candidates) -> Rows:
     """Exchange that lowers ψ after the worst loss of one pose (instead of ψ itself).
 
     `candidates` in the same set-ups as the rows. Each pose in turn may be replaced by one of the few most informative in its
     absence.
     """
-    current = Candidates(rows.z, rows.k, rows.group, space.kernel.rows(rows.z, rows.k))
+    current = rows_of(space, rows)
     layout = task.layout(rows.groups)
     whole = layout.embed(candidates.rows, candidates.group)
     value, worst = lost_pose(task, current.rows, current.group, rows.groups)
-    for _ in range(passes * len(rows.z)):
+    for _ in range(PASSES * len(rows.z)):
         information = task.information(current.rows, current.group, rows.groups)
         lost = layout.embed(current.rows, current.group)[worst]
         pull = task.pull(inverse(information - lost @ lost.T))
@@ -72,9 +71,9 @@ def _swapped(current: Candidates, candidates: Candidates, entering: int, leaving
     return Candidates(*parts)
 
 
-def drawn_spaces(machine: Machine, space: Space, draws: int, seed: int = 0) -> list[Space]:
+def drawn_spaces(machine: Machine, space: Space, draws: int) -> list[Space]:
     """The same space on machines whose location errors are drawn from their priors instead of standing at their means."""
-    generator = np.random.default_rng(seed)
+    generator = np.random.default_rng(0)
     found = []
     for _ in range(draws):
         errors = {
@@ -94,17 +93,11 @@ def drawn_spaces(machine: Machine, space: Space, draws: int, seed: int = 0) -> l
 
 def over_prior(spaces: Sequence[Space], task: Task, rows: Rows) -> tuple[float, float]:
     """Mean and worst ψ over drawn machines."""
-    values = [_psi(space, task, rows) for space in spaces]
+    values = [value_of(space, task, rows) for space in spaces]
     return float(np.mean(values)), float(np.max(values))
 
 
-def _psi(space: Space, task: Task, rows: Rows) -> float:
-    return task.value(task.information(space.kernel.rows(rows.z, rows.k), rows.group, rows.groups))
-
-
-def robust_exchange(
-    spaces: Sequence[Space], task: Task, rows: Rows, candidates: Candidates, how: str, passes: int = 2
-) -> Rows:
+def robust_exchange(spaces: Sequence[Space], task: Task, rows: Rows, candidates: Candidates, how: str) -> Rows:
     """Exchange that lowers the `mean` or the `worst` ψ over drawn machines.
 
     `candidates` in the same set-ups as the rows. A pose enters by its information on the machines that count: all of them
@@ -121,7 +114,7 @@ def robust_exchange(
         return max(values) if how == "worst" else float(np.mean(values))
 
     value = joined(informations)
-    for place in range(passes * len(z)):
+    for place in range(PASSES * len(z)):
         leaving = place % len(z)
         without = [
             information - own[leaving] @ own[leaving].T for information, own in zip(informations, current, strict=True)

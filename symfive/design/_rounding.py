@@ -12,10 +12,9 @@ from dataclasses import replace
 import numpy as np
 
 from symfive.arrays import Array, Flags
-from symfive.design._information import Task
-from symfive.design._optimise import value_of
-from symfive.design._refine import Rows
+from symfive.design._candidates import value_of
 from symfive.design._space import UNIT_MM, Space
+from symfive.optimal import Rows, Task
 
 __all__ = ["not_rounded", "on_grid", "one_tool", "rounded"]
 

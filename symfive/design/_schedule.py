@@ -10,15 +10,13 @@ import numpy as np
 
 from symfive.arrays import Array, Indices
 from symfive.campaign import Campaign, Run
-from symfive.design._criteria import Volume
-from symfive.design._information import Task, inverse
-from symfive.design._order import kept_apart, out_and_back, round_trip, there_and_back
-from symfive.design._refine import Rows
 from symfive.design._seated import Clear, Seated, bars_of
 from symfive.design._space import Space
 from symfive.machine import Machine
 from symfive.motion import approach
+from symfive.moves import kept_apart, out_and_back, round_trip, there_and_back
 from symfive.nc import Positions, Post, Seat, Way, arrival_times, outside_s
+from symfive.optimal import Rows, Task, Volume, inverse
 from symfive.procedures import Nominal
 
 __all__ = ["SETUP_S", "RunMoves", "Schedule", "on_ways", "retimed", "scheduled"]

@@ -12,11 +12,9 @@ import itertools
 import numpy as np
 
 from symfive.arrays import Array, Indices
-from symfive.design._exchange import Candidates
-from symfive.design._information import Task
-from symfive.design._relaxed import Relaxed, sensitivity
 from symfive.design._sensitivity import PENALTY, local_maxima, sensitivity_function
 from symfive.design._space import Space
+from symfive.optimal import Candidates, Relaxed, Task, sensitivity
 
 __all__ = ["COARSE", "FEW", "MANY", "Search"]
 

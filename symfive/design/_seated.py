@@ -18,9 +18,9 @@ import numpy as np
 
 from symfive.arrays import Array, Flags, Indices
 from symfive.design._candidates import pose_grid
-from symfive.design._order import move_times
 from symfive.design._rounding import on_grid
 from symfive.design._space import Space
+from symfive.moves import move_times
 from symfive.nc import Positions, Way
 
 __all__ = ["Clear", "Seated", "bars_of"]

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from symfive.arrays import Array, Flags
-from symfive.design._information import Layout
 from symfive.design._space import Space
+from symfive.optimal import Layout
 
 __all__ = ["PENALTY", "SensitivityFunction", "local_maxima", "sensitivity_function"]
 

@@ -26,20 +26,14 @@ import numpy as np
 from symfive.arrays import Array, Flags
 from symfive.campaign import Campaign, Run, SetupSigma
 from symfive.compiled import Mapped
-from symfive.design._bodies import (
-    angle_clearance,
-    least_elevation,
-    nose_may_reach_post,
-    nose_over_table,
-    post_clearance,
-)
-from symfive.design._kernel import Kernel
 from symfive.errors import InputError
 from symfive.kinematics import ball_in_workpiece, chain_poses
 from symfive.machine import Machine
 from symfive.model import Model, assemble
 from symfive.motion import Position
+from symfive.moves import angle_clearance, least_elevation, nose_may_reach_post, nose_over_table, post_clearance
 from symfive.nc import touch_reach
+from symfive.optimal import Kernel
 from symfive.parameters import Parameter
 
 __all__ = ["PARALLEL", "SETUP_VARIABLES", "Space", "make_space"]

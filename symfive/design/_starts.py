@@ -16,9 +16,9 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from symfive.design._information import Task
 from symfive.design._space import Space, make_space
 from symfive.executors import Inline, results
+from symfive.optimal import Task
 from symfive.threads import one_thread
 from symfive.validation import freeze
 

@@ -24,10 +24,7 @@ from symfive.design._assessment_data import assessment_data, six_digits
 from symfive.design._candidates import best_setups, candidates_in, pose_grid
 from symfive.design._circle_certificate import relaxed_bound
 from symfive.design._circles import Goal
-from symfive.design._information import Task
-from symfive.design._moves import Moves
 from symfive.design._reach import Reach
-from symfive.design._relaxed import relax
 from symfive.design._request import check_counts, interest_of, task_of
 from symfive.design._schedule import SETUP_S
 from symfive.design._space import make_space
@@ -40,7 +37,9 @@ from symfive.given import machine_given
 from symfive.inference import Noise
 from symfive.machine import Machine
 from symfive.model import effect_to_data
+from symfive.moves import Moves
 from symfive.nc import LETTERS, Post
+from symfive.optimal import Task, relax
 from symfive.outputs import output_folder
 from symfive.procedures import DWELL_S, campaign_of
 from symfive.screen import OnScreen, listed

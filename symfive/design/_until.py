@@ -15,7 +15,6 @@ import numpy as np
 
 from symfive.campaign import Campaign, SetupSigma
 from symfive.design._assess import assess
-from symfive.design._criteria import Worst
 from symfive.design._plan import Plan, plan
 from symfive.design._request import interest_of
 from symfive.design._setup_errors import NOISE_HARDLY, SETUP_ERRORS
@@ -24,6 +23,7 @@ from symfive.errors import InputError
 from symfive.given import campaign_given, machine_given
 from symfive.machine import Machine
 from symfive.numbers import plain_number, unit_words
+from symfive.optimal import Worst
 from symfive.validation import positive
 
 __all__ = ["plan_until"]

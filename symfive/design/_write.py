@@ -14,8 +14,8 @@ from symfive.design._assess import Assessment, assess
 from symfive.design._assessment_data import assessment_data, six_digits
 from symfive.design._schedule import on_ways
 from symfive.design._sheet import Sheet, setup_sheet
-from symfive.design._ways import cleared
 from symfive.errors import InputError
+from symfive.moves import cleared
 from symfive.nc import DIALECTS, LETTERS, Post, write_programs
 from symfive.outputs import write_json, write_text
 

@@ -46,10 +46,10 @@ def probing_of(post: Post) -> Probing:
     return Probing(sphere_radius=post.sphere_radius, tip_radius=post.tip_radius)
 
 
-def touch_reach(probing: Probing | None = None) -> float:
+def touch_reach() -> float:
     """How far from the sphere's centre the tip goes at most while it touches, mm: √2 times the stand-off, where it goes down
     beside the sphere."""
-    probing = probing or Probing()
+    probing = Probing()
     return math.sqrt(2.0) * (probing.sphere_radius + probing.tip_radius + probing.clearance)
 
 

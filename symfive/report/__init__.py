@@ -22,12 +22,13 @@ if TYPE_CHECKING:
     from symfive.report._report import identification_report
     from symfive.report._save import save_figures
     from symfive.report._spectrum import residual_spectrum
+    from symfive.report._visible import visible_parts
     from symfive.report.signature import plot_signature
 
 __all__ = [
     "correlation_matrix", "diagnosis_report", "diagnosis_text", "error_motion_bands", "identification_report",
     "identification_text", "parameters_chart", "plot_signature", "polar_trace", "prediction_chart", "residual_spectrum",
-    "residuals_over_coordinates", "residuals_over_time", "save_figures",
+    "residuals_over_coordinates", "residuals_over_time", "save_figures", "visible_parts",
 ]  # fmt: skip
 
 _MODULES = {
@@ -45,6 +46,7 @@ _MODULES = {
     "residuals_over_coordinates": "_over_coordinates",
     "residuals_over_time": "_over_time",
     "save_figures": "_save",
+    "visible_parts": "_visible",
 }
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from symfive.campaign import Campaign, Run, read_campaign, write_campaign
-from symfive.campaign._csv import read_columns, write_columns
+from symfive.campaign._csv import read_columns, write_columns  # one file without its folder
 from symfive.errors import InputError
 from symfive.fleet import Fleet, Row
 from symfive.instruments import instruments_of

@@ -10,9 +10,9 @@ from tempfile import TemporaryDirectory
 
 from symfive.campaign import Run, write_campaign
 from symfive.design import plan
-from symfive.design._ways import cleared
 from symfive.errors import InputError
 from symfive.machine import Machine, read_machine
+from symfive.moves import cleared
 from symfive.nc import DIALECTS, Post, write_programs
 from symfive.procedures import campaign_of, planar_circle, rotary_circle
 

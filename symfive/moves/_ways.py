@@ -17,9 +17,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from symfive.campaign import FIRST_LINE, Run
-from symfive.design._moves import ROUNDING_MM, Moves, blocked_moves
 from symfive.errors import InputError
 from symfive.machine import Machine
+from symfive.moves._moves import ROUNDING_MM, Moves, blocked_moves
 from symfive.nc import (
     Positions,
     Post,
@@ -35,7 +35,7 @@ from symfive.nc import (
 )
 from symfive.procedures import Nominal, home
 
-__all__ = ["REMEDY", "Detour", "Ways", "checked_path", "cleared"]
+__all__ = ["REMEDY", "Detour", "Ways", "cleared"]
 
 RETRACTS_MM = (50.0, 80.0, 120.0, 200.0)
 REMEDY = "what helps: a longer tool, a slimmer post or tool ([workspace] post_radius, tool_radius), more travel"
@@ -245,9 +245,3 @@ def _cleared(machine: Machine, run: Run, around: set[int], post: Post, detour: D
                 via[row] = other
             else:
                 around = around | {row}
-
-
-def checked_path(machine: Machine, run: Run) -> Run:
-    """The run itself, once its program has a clear way. Raises `InputError` as `cleared` does."""
-    cleared(machine, (run,), {})
-    return run

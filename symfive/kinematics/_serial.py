@@ -9,6 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from symfive.arrays import Array
 
+__all__ = ["axes_of_modified_dh", "forward", "placement", "rounded"]
+
 Vector = tuple[float, float, float]
 
 

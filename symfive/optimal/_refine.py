@@ -21,8 +21,8 @@ import casadi as ca
 import numpy as np
 
 from symfive.arrays import Array, Indices
-from symfive.design._information import Task
-from symfive.design._kernel import Kernel
+from symfive.optimal._information import Task
+from symfive.optimal._kernel import Kernel
 
 __all__ = ["Objective", "Rows", "refine"]
 
@@ -56,10 +56,15 @@ class Rows:
         return cls(z, k, renumbered.astype(np.int64), len(used), poses)
 
     @property
+    def setups(self) -> tuple[Array, Array]:
+        """What is decided of every set-up (groups, nz - poses), and its constants (groups, 1)."""
+        first = [int(np.argmax(self.group == g)) for g in range(self.groups)]
+        return self.z[first, self.poses :], self.k[first]
+
+    @property
     def variables(self) -> Array:
         """Everything that is decided: first the poses, then the set-ups."""
-        setups = [self.z[self.group == g][0, self.poses :] for g in range(self.groups)]
-        return np.concatenate([self.z[:, : self.poses].ravel(), *setups])
+        return np.concatenate([self.z[:, : self.poses].ravel(), self.setups[0].ravel()])
 
     @property
     def index(self) -> Indices:

@@ -11,10 +11,10 @@ import numpy as np
 from symfive.arrays import Array
 from symfive.campaign import Run
 from symfive.compiled import Mapped
-from symfive.design._bodies import BALL_RADIUS, NOSE_LENGTH, POST_TOP, TABLE_EDGE, least_elevation
-from symfive.design._distance import Rod, apart
 from symfive.kinematics import ball_in_workpiece, chain_poses
 from symfive.machine import Machine
+from symfive.moves._bodies import BALL_RADIUS, NOSE_LENGTH, POST_TOP, TABLE_EDGE, least_elevation
+from symfive.moves._distance import Rod, apart
 
 __all__ = ["Clearances"]
 

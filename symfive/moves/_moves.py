@@ -14,8 +14,8 @@ import numpy as np
 
 from symfive.arrays import Array, Flags, Indices
 from symfive.campaign import Run
-from symfive.design._clearances import ON_THE_BAR, Clearances
 from symfive.machine import Machine
+from symfive.moves._clearances import ON_THE_BAR, Clearances
 from symfive.nc import Positions, Step
 
 __all__ = ["ROUNDING_MM", "Moves", "blocked_moves"]

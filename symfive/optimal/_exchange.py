@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from symfive.arrays import Array, Indices
-from symfive.design._information import Layout, Task, inverse
+from symfive.optimal._information import Layout, Task, inverse
 
 __all__ = ["Candidates", "choose", "exchange", "greedy"]
 
@@ -31,6 +31,12 @@ class Candidates:
     def take(self, chosen: Indices) -> Candidates:
         """Some of them, in that order."""
         return Candidates(self.z[chosen], self.k[chosen], self.group[chosen], self.rows[chosen])
+
+    def joined(self, other: Candidates) -> Candidates:
+        """These, then the others."""
+        return Candidates(
+            *(np.concatenate([getattr(c, n) for c in (self, other)]) for n in ("z", "k", "group", "rows"))
+        )
 
 
 class _State:

@@ -16,8 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from symfive.arrays import Array
-from symfive.design._exchange import Candidates
-from symfive.design._information import Task, inverse
+from symfive.optimal._exchange import Candidates
+from symfive.optimal._information import Task, inverse
 
 __all__ = ["Relaxed", "marginal_sensitivity", "relax", "sensitivity"]
 

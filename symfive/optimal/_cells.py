@@ -23,7 +23,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from symfive.arrays import Array, Flags, Indices
-from symfive.design._spectrum import Spectrum
+from symfive.optimal._spectrum import Spectrum
 
 __all__ = ["TINY", "Cells", "Cut", "FirstCells", "first_cells"]
 

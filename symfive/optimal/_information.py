@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from symfive.arrays import Array, Indices
-from symfive.design._criteria import Criterion
+from symfive.optimal._criteria import Criterion
 
 __all__ = ["Layout", "Task", "inverse"]
 
@@ -79,11 +79,7 @@ class Task:
         return covariance[np.ix_(self.interest, self.interest)]
 
     def value(self, information: Array) -> float:
-        """ψ of an information matrix (size, size)."""
-        return self.criterion.value(self.of_interest(inverse(information)))
-
-    def value_of_marginal(self, information: Array) -> float:
-        """ψ of an information matrix of the machine alone (shared, shared)."""
+        """ψ of an information matrix (size, size), or of the machine's alone (shared, shared)."""
         return self.criterion.value(self.of_interest(inverse(information)))
 
     def exact(self, information: Array) -> float:

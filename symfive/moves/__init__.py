@@ -1,0 +1,25 @@
+"""Moves between the poses of a run: the bodies that may not meet, paths clear of them, order and time.
+
+post = cleared(machine, campaign.runs, {})                               # paths of the programs, all of them clear
+blocked_moves(machine, run, program_steps(machine, run, post))           # [] : every move sampled again
+"""
+
+from symfive.moves._bodies import (
+    NOSE_LENGTH,
+    angle_clearance,
+    least_elevation,
+    nose_may_reach_post,
+    nose_over_table,
+    post_clearance,
+)
+from symfive.moves._clearances import Clearances
+from symfive.moves._distance import Rod, apart
+from symfive.moves._moves import Moves, blocked_moves
+from symfive.moves._order import kept_apart, move_times, out_and_back, round_trip, there_and_back
+from symfive.moves._ways import REMEDY, Ways, cleared
+
+__all__ = [
+    "NOSE_LENGTH", "REMEDY", "Clearances", "Moves", "Rod", "Ways", "angle_clearance", "apart", "blocked_moves", "cleared",
+    "kept_apart", "least_elevation", "move_times", "nose_may_reach_post", "nose_over_table", "out_and_back", "post_clearance",
+    "round_trip", "there_and_back",
+]  # fmt: skip

@@ -1,0 +1,202 @@
+"""Tables and sheets for controls: what they hold, their uncertainty, names that end nothing."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_codegen_controllers import fitted
+
+from symfive.cli import main
+from symfive.codegen import TARGETS, codegen, read_isg, subject_of
+from symfive.codegen._lines import axis_lines  # differences of what sheets round
+from symfive.effects import make_effect
+from symfive.errors import InputError
+from symfive.machine import ErrorTerm, preset
+from symfive.model import FittedModel
+from symfive.procedures import campaign_of, r_test_grid
+
+
+@pytest.mark.parametrize("name", ["table-bc", "three-axis", "head-bc", "wang-li-2016"])
+def test_the_isg_table_reads_back_as_the_same_model(tmp_path, name) -> None:
+    model = fitted(preset(name))
+    table, note = codegen(model, tmp_path, target="isg")
+    back = read_isg(table, model.machine)
+    assert set(back) == set(model.values)
+    for parameter, value in model.values.items():
+        assert back[parameter] == pytest.approx(value, abs=1e-7)
+    assert "negate" in note.read_text() and "Draft" in note.read_text()
+
+
+def test_the_isg_table_says_what_is_within_its_uncertainty(tmp_path) -> None:
+    table, note = codegen(fitted(preset("table-bc"), {"EX0C": 1.5, "EA0C": 40.0}), tmp_path, target="isg")
+    names, _, said = table.read_text().splitlines()[2:5]
+    spread = dict(zip(names.split(), map(float, said.split(": ")[1].split()), strict=True))
+    assert spread["X0C"] == 2e-3 and spread["A0C"] == 2e-6  # twice 1 µm and 1 µrad
+    (within,) = (line for line in note.read_text().splitlines() if "not to be entered" in line)
+    assert "EX0C" in within and "EA0C" not in within
+
+
+def test_the_isg_table_says_what_it_cannot_hold(tmp_path) -> None:
+    machine = preset("table-bc")
+    mixed = ErrorTerm(name="EAC", sigma=1.0, over=("B", "C"), basis=("polynomial", "fourier"), order=(1, 1))
+    _, note = codegen(fitted(replace(machine, errors={**machine.errors, "EAC": mixed})), tmp_path, target="isg")
+    assert "EAC: a function of B and C" in note.read_text()
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("X0C Y0C\n1 2 3\n", "line 2: 3 values under 2 names"),
+        ("X0C Y0C\n1 two\n", "line 2: text stands where a number belongs"),
+        ("X0Q\n1\n", "line 1: the machine varies no location error X0Q"),
+        ("C EZQ\n0 0\n", "line 1: the machine varies no error motion EZQ"),
+    ],
+)
+def test_a_broken_isg_table_is_named_with_its_line(tmp_path, text, says) -> None:
+    (tmp_path / "broken.csv").write_text(text)
+    with pytest.raises(InputError, match=says):
+        read_isg(tmp_path / "broken.csv", preset("table-bc"))
+
+
+@pytest.mark.parametrize("control", ["siemens", "fanuc", "heidenhain", "haas"])
+def test_sheets_print_old_and_new_and_stay_drafts(tmp_path, control) -> None:
+    model = fitted(preset("tsutsumi-2007"), {"EX0C": 40.0, "EY0C": -25.0, "EZ0A": 10.0})
+    (path,) = codegen(model, tmp_path, target=control)
+    assert path.suffix == ".html"  # nothing that a control could load
+    text = path.read_text()
+    assert "Draft, to be verified" in text
+    rows = sheet(text)
+    assert rows and all(row["U (k = 2)"] != "not known" for row in rows)
+    for row in rows:
+        moved = number(row["new"]) - number(row["design"]) if row["enter"].startswith("yes") else 0.0
+        assert moved == pytest.approx(number(row["change"]) if moved else 0.0, abs=2e-6)
+        assert row["on the control"] == "" and ("larger number" in row["meaning"] or "closes" in row["meaning"])
+    changes = {abs(round(1e3 * number(row["change"]))) for row in rows if row["enter"].startswith("yes")}
+    assert {40, 25} <= changes
+    with pytest.raises(InputError, match="two rotary axes under the workpiece"):
+        codegen("head-bc", tmp_path / "other", target=control)
+
+
+def sheet(text: str) -> list[dict[str, str]]:
+    """The rows of a printed sheet, each cell by the name of its column."""
+    rows = re.findall(r"<tr[^>]*>(<td.*?)</tr>", text)
+    return [
+        {h: re.sub(r"<[^>]*>", " ", c).strip() for h, c in re.findall(r"data-head='(.*?)'>(.*?)</td>", r)} for r in rows
+    ]
+
+
+def number(text: str) -> float:
+    return float(text.replace("−", "-").replace("mm", ""))
+
+
+def with_spread(model: FittedModel, **std: float) -> FittedModel:
+    """The model with other 1σ of single parameters."""
+    return replace(model, covariance=np.diag([std.get(name, 1.0) ** 2 for name in model.names]))
+
+
+def test_a_sheet_has_no_digit_that_its_uncertainty_does_not_leave(tmp_path) -> None:
+    model = fitted(preset("tsutsumi-2007"), {"EX0C": -141.351, "EY0C": 34.999994, "EZ0A": 20.0})
+    (path,) = codegen(with_spread(model, EX0C=14.0, EZ0A=300.0), tmp_path, target="haas")
+    x, y, z = sheet(path.read_text())
+    assert (x["change"], x["U (k = 2)"], x["new"], x["enter"]) == ("−0.141 mm", "0.028 mm", "−0.141 mm", "yes")
+    assert y["new"] == "0.035 mm" and y["enter"] == "yes"
+    assert (
+        z["new"] == "unchanged" and z["enter"] == "no: within uncertainty, not entered" and z["U (k = 2)"] == "0.60 mm"
+    )
+    assert "Not determined by the readings: EZ0A" in path.read_text()
+
+
+def test_a_sheet_names_the_effects_that_it_does_not_correct(tmp_path) -> None:
+    """The diagnosis says 'enter a compensation': the sheet holds none of a sag, nor of a play."""
+    machine = preset("tsutsumi-2007")
+    sag = make_effect("gravity_sag", axis="A", component="EZA").prepare(
+        campaign_of(machine, r_test_grid(machine, step_deg=90.0))
+    )
+    model = fitted(machine, {"EX0C": -141.351})
+    (path,) = codegen(replace(model, effects=(sag,)), tmp_path / "with", target="siemens")
+    assert "Not corrected by this sheet: gravity sag of axis A (EZA)" in path.read_text()
+    (path,) = codegen(model, tmp_path / "without", target="siemens")
+    assert "Not corrected by this sheet" not in path.read_text()
+
+
+def test_the_uncertainty_of_a_sheet_is_that_of_its_lines(tmp_path) -> None:
+    machine = preset("table-bc")
+    model = fitted(machine)
+    std = {name: 1.0 + 0.3 * (k % 5) for k, name in enumerate(model.names)}
+    (path,) = codegen(with_spread(model, **std), tmp_path, target="siemens")
+    rows = {row["parameter"].split()[0]: row for row in sheet(path.read_text())}
+
+    def leaning(values: dict[str, float]) -> float:
+        return float(axis_lines(subject_of(replace(model, values=values)))["C"][1].direction[0])
+
+    by_hand = [1e2 * (leaning({**model.values, n: v + 0.01}) - leaning(model.values)) for n, v in model.values.items()]
+    expected = 2.0 * np.sqrt(sum((slope * std[n]) ** 2 for slope, n in zip(by_hand, model.names, strict=True)))
+    assert number(rows["$TC_CARR10"]["U (k = 2)"]) == pytest.approx(expected, rel=0.02)
+
+
+def test_a_closing_vector_closes_what_is_entered(tmp_path) -> None:
+    model = fitted(preset("table-bc"), {"EX0B": 30.0, "EX0C": 1.2, "EY0C": 25.0, "EZ0B": 12.3456})
+    (path,) = codegen(with_spread(model, EX0C=9.0), tmp_path, target="siemens")
+    rows = sheet(path.read_text())
+    typed = [number(row["new"] if row["enter"].startswith("yes") else row["design"]) for row in rows]
+    for k in range(3):
+        assert typed[6 + k] == pytest.approx(-typed[k] - typed[3 + k], abs=1e-9)
+    assert typed[0] == 0.03 and typed[3] == 0.0
+
+
+@pytest.mark.parametrize("control", ["siemens", "haas"])
+def test_without_a_measurement_no_uncertainty_is_known_and_nothing_entered(tmp_path, control) -> None:
+    (path,) = codegen("table-bc", tmp_path, target=control)
+    rows = sheet(path.read_text())
+    assert "no uncertainty is known" in path.read_text()
+    assert all(row["U (k = 2)"] == "not known" and row["new"] == "unchanged" for row in rows)
+
+
+def test_the_command_line_writes_and_refuses(tmp_path, capsys) -> None:
+    assert main(["codegen", "three-axis", "-o", str(tmp_path / "c"), "--prefix", "mill"]) == 0
+    assert (tmp_path / "c" / "mill.h").is_file()
+    assert str(tmp_path / "c" / "mill.c") in capsys.readouterr().out
+    assert main(["codegen", "three-axis", "-o", str(tmp_path / "no"), "--target", "haas"]) == 2
+    assert "use the target c or linuxcnc" in capsys.readouterr().err
+    assert not (tmp_path / "no").exists()
+
+
+@pytest.mark.parametrize("name", ["mill\nX0C\n5.0", "mill\r#", "mill\x85setp", "mill\u2028setp", "mill\x1b[2J"])
+def test_a_name_of_several_lines_is_refused_before_any_file_is_written(tmp_path, name) -> None:
+    """In a table of ISG or in HAL lines it would be a row or a command of its own."""
+    with pytest.raises(InputError, match="not one line of printed text"):
+        replace(preset("table-bc"), name=name)
+    path = tmp_path / "machine.toml"
+    path.write_text(
+        f"""schema = "symfive.machine/1"\nname = {json.dumps(name)}\nstructure = "w X' b t"\n""", encoding="utf-8"
+    )
+    with pytest.raises(InputError, match=r"machine\.toml, line 2.*not one line of printed text"):
+        codegen(path, tmp_path / "out", target="isg")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("target", list(TARGETS))
+def test_no_name_ends_a_comment(tmp_path, target) -> None:
+    """Comment ends, HTML, formulas and HAL words in a name stay inside the comment or text that the name stands in."""
+    nasty = """*/ int x; /* <script>alert(1)</script> =1+1 "quoted" \\ ?? // # setp ${prefix} µ"""
+    written = {}
+    for label, name in (("plain", "mill"), ("nasty", nasty)):
+        paths = codegen(fitted(replace(preset("table-bc"), name=name)), tmp_path / label, target=target)
+        written[label] = {path.name: path.read_text(encoding="utf-8") for path in paths}
+    digests = [re.search(r"[0-9a-f]{64}", "".join(texts.values()))[0] for texts in written.values()]
+    for file, plain_text in written["plain"].items():
+        text = written["nasty"][file].replace(digests[1], digests[0])
+        assert "<script>" not in text or not file.endswith(".html")
+        lines, others = plain_text.splitlines(), text.splitlines()
+        assert len(lines) == len(others)
+        changed = [(a, b) for a, b in zip(lines, others, strict=True) if a != b]
+        assert len(changed) <= 2 and all("mill" in a for a, _ in changed), changed
+        for _, line in changed:  # in C the comment's only end is its own
+            if file.endswith((".c", ".h")):
+                assert "*/" not in line and "/*" not in line.removeprefix("/*")
+            elif file.endswith((".hal", ".csv")):
+                assert line.startswith(("#", "//"))

@@ -1,0 +1,138 @@
+"""Sizes of effects with their uncertainty, their words, signatures and files."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from effects_world import CASES, around, campaign, every_case, model_of, polar
+
+from symfive.campaign import read_campaign
+from symfive.effects import EFFECTS, VOCABULARY, make_effect
+from symfive.errors import InputError
+from symfive.model import Model, effect_to_data, effects_from_data, signature
+from symfive.report.signature import plot_signature
+
+
+@every_case
+def test_described_and_written(number: int) -> None:
+    """Every report is finite JSON in the vocabulary's words; an effect survives model.json."""
+    model = model_of(number)
+    effect = model.effects[-1]
+    covariance = {(p.name, p.name): (0.1 * p.sigma) ** 2 for p in model.parameters}
+    values = dict(zip(model.index, around(model), strict=True))
+    found = {name: vars(quantity) for name, quantity in effect.describe(model.campaign, values, covariance).items()}
+    assert json.dumps(found, allow_nan=False)
+    chosen = {"direction"} if effect.id == "spindle_growth" else set(vars(effect))  # not estimated
+    for name, entry in found.items():
+        numbers = np.ravel(entry["value"]).dtype.kind in "if"
+        assert not numbers or name in chosen or entry["std"] is not None, name
+    assert effect.vocabulary in VOCABULARY and effect.says and effect.hidden_by and effect.action
+    again = effects_from_data(json.loads(json.dumps([effect_to_data(effect)])), "model.json")
+    assert again == (effect,)
+
+
+def test_amplitude_and_phase_are_reported_with_their_uncertainty() -> None:
+    plan = campaign("planar")
+    effect = make_effect("transmission_error", "X", period=10.0)
+    values = {f"{effect.key}.{n}": v for n, v in (polar(3.0, 2.9, "sin", "cos") | {"period": 10.0}).items()}
+    names = [f"{effect.key}.sin", f"{effect.key}.cos"]
+    matrix = np.array([[0.04, 0.01], [0.01, 0.09]])
+    covariance = {(a, b): matrix[i, j] for i, a in enumerate(names) for j, b in enumerate(names) if i <= j}
+    found = effect.describe(plan, values, covariance)
+    along_it = np.array([math.cos(2.9), math.sin(2.9)])
+    assert found["amplitude"].value == pytest.approx(3.0) and found["phase"].value == pytest.approx(2.9)
+    assert found["amplitude"].std == pytest.approx(math.sqrt(along_it @ matrix @ along_it), rel=1e-6)
+    assert found["phase"].std == pytest.approx(
+        math.sqrt(along_it[::-1] * (-1, 1) @ matrix @ (along_it[::-1] * (-1, 1))) / 3.0
+    )
+    assert (found["period"].unit, found["amplitude"].unit, found["phase"].unit) == ("mm", "um", "rad")
+
+
+def test_vocabulary_is_that_of_the_conventions() -> None:
+    assert set(VOCABULARY) == {
+        "backlash", "transmission_error", "servo_mismatch", "friction", "latency", "location_error", "error_motion",
+        "scale_error", "gravity_sag", "thermal_drift", "setup_shift", "sensor_error", "lateral_play", "vibration",
+        "inertial_compliance", "structural_resonance", "unknown",
+    }  # fmt: skip
+    others = {"force_friction", "force_delay", "force_ripple", "gravity_torque", "varying"}  # below
+    others |= {"following_lag"}  # of axes without a drive: test_following_lag
+    assert {case.effect for case in CASES} | others == set(EFFECTS)
+
+
+def test_signature_is_drawn() -> None:
+    figure = plot_signature(make_effect("backlash", "X"), campaign("planar"), {"width": 12.0})
+    assert len(figure.axes) == 2 and figure.axes[0].lines
+    with pytest.raises(InputError, match='no parameter "depth"'):
+        signature(make_effect("backlash", "X"), campaign("planar"), {"depth": 12.0})
+
+
+def test_a_drift_says_how_far_it_went_where_amplitude_and_time_constant_are_known_only_together():
+    """Of a rise that has just begun only amplitude/τ is known."""
+    plan = campaign("static")
+    drift = make_effect("thermal_drift").prepare(plan)
+    end = drift.clock_span(plan)
+    names = [f"thermal_drift.{name}" for name in ("amplitude.x", "amplitude.y", "amplitude.z", "time_constant_s")]
+    values = dict(zip(names, (30.0, 40.0, 0.0, 1e3 * end), strict=True))
+    together = {(a, b): 0.81 * values[a] * values[b] for a in names for b in names}
+    said = drift.describe(plan, values, together)
+    assert said["amplitude"].value == pytest.approx(50.0) and said["amplitude"].std == pytest.approx(45.0)
+    assert said["reached"].value == pytest.approx(0.05, rel=1e-3) and said["reached"].std < 1e-4
+    assert said["reached"].unit == "um"
+
+
+def test_a_component_that_is_not_seen_is_in_the_uncertainty_of_an_amplitude():
+    """A circle in XY sees nothing of z: its prior's 1σ is all that is known, and to first order it adds nothing."""
+    plan = campaign("planar")
+    drift = make_effect("thermal_drift").prepare(plan)
+    names = [f"thermal_drift.{name}" for name in ("amplitude.x", "amplitude.y", "amplitude.z", "time_constant_s")]
+    values = dict(zip(names, (3.0, 4.0, 0.0, 100.0), strict=True))
+    known = {(name, name): 0.01 for name in names[:2]}
+    assert drift.describe(plan, values, known)["amplitude"].std == pytest.approx(0.1, rel=0.01)
+    unseen = {**known, (names[2], names[2]): 25.0}
+    assert drift.describe(plan, values, unseen)["amplitude"].std == pytest.approx(2.89, rel=0.01)
+
+
+def test_the_size_of_a_term_without_a_name_is_that_of_its_readings():
+    """Also where the axis rests in a run: there it came from no side."""
+    plan = campaign("static")
+    still = replace(plan.runs[1], commands=plan.runs[1].commands | {"B": np.zeros(plan.runs[1].rows)})
+    plan = replace(plan, runs=(plan.runs[0], still))
+    term = make_effect("unknown", over=("B velocity sign",), basis="polynomial", order=1, directions="y").prepare(plan)
+    values = {p.name: 4.0 for p in term.parameters(plan)}
+    first = {r.id: next(float(np.sign(s)) for s in np.diff(r.commands["B"]) if abs(s) > 1e-9) for r in plan.runs[:1]}
+    sides = {p.name: first[run.id] for run in plan.runs[:1] for p in term.starts(run)}
+    moved = np.concatenate(list(Model(plan, [term]).contribution(term, values | sides).values()))
+    size = term.describe(plan, values, {(name, name): 1.0 for name in values})["rms"].value
+    assert size == pytest.approx(float(np.sqrt(np.mean(np.sum(moved**2, axis=1)))), rel=1e-6)
+    assert size < 3.9
+
+
+def test_the_part_of_an_amplitude_that_is_seen_is_said_by_itself():
+    plan = campaign("planar")
+    compliance = make_effect("inertial_compliance", "X").prepare(plan)
+    names = [f"inertial_compliance.X.compliance.{c}" for c in "xyz"]
+    values = dict(zip(names, (3.0, 4.0, 1.0), strict=True))
+    known = {(name, name): 0.01 for name in names}
+    assert "seen" not in compliance.describe(plan, values, known)
+    seen = compliance.describe(plan, values, {**known, (names[2], names[2]): 25.0})["seen"]
+    assert (seen.value, seen.std) == (pytest.approx(5.0), pytest.approx(0.1)) and seen.unit == "um/(m/s^2)"
+
+
+def test_the_size_of_a_term_without_a_name_is_what_the_readings_determine():
+    """A direction of its amplitudes that they leave to the prior adds neither size nor doubt."""
+    clean = read_campaign(Path(__file__).parent / "data" / "campaigns" / "static-none" / "fit")
+    term = make_effect("unknown", over=("t",), order=4, directions="x").prepare(clean)
+    parameters = term.parameters(clean)
+    names, sigma = [p.name for p in parameters], np.array([p.sigma for p in parameters])
+    seen = np.eye(len(names))[0]
+    spread = np.outer(sigma, sigma) * (np.eye(len(names)) - 0.9996 * np.outer(seen, seen))
+    pairs = {(a, b): spread[i, j] for i, a in enumerate(names) for j, b in enumerate(names)}
+    exact = dict.fromkeys(names, 0.0) | {names[0]: sigma[0]}
+    vague = {n: 0.3 * s for n, s in zip(names, sigma, strict=True)} | {names[0]: sigma[0]}
+    wanted, found = (term.describe(clean, values, pairs)["rms"] for values in (exact, vague))
+    assert found.value == pytest.approx(wanted.value) and found.std == pytest.approx(0.02 * found.value)
