@@ -20,8 +20,9 @@ from symfive.design._refine import Rows
 from symfive.design._robust import robust_exchange, survive_a_lost_pose
 from symfive.design._rounding import on_grid, one_tool, rounded
 from symfive.design._schedule import Schedule, retimed, scheduled
+from symfive.design._seated import Seated
 from symfive.design._space import Space
-from symfive.design._ways import cleared
+from symfive.design._ways import Tested, cleared
 from symfive.nc import LETTERS, Post
 
 __all__ = ["PlanSearch"]
@@ -104,6 +105,16 @@ class PlanSearch:
         return self._with_ways_out(one_tool(self.space, self.task, rounded(self.space, design))), psi
 
     @cached_property
+    def _seated(self) -> dict[bytes, Seated]:
+        """The moves of runs that were laid out, by their poses."""
+        return {}
+
+    @cached_property
+    def _tested(self) -> dict[tuple[object, ...], Tested]:
+        """What is known of moves, by the set-up."""
+        return {}
+
+    @cached_property
     def _reach(self) -> Reach:
         return Reach(self.space)
 
@@ -112,8 +123,9 @@ class PlanSearch:
 
     def _lay(self, rows: Rows) -> Schedule:
         return scheduled(
-            self.space, rows, returns=self.returns, repeats=self.repeats, noise_um=self.noise_um, index=self.index
-        )
+            self.space, rows, returns=self.returns, repeats=self.repeats, noise_um=self.noise_um, index=self.index,
+            known=self._seated,
+        )  # fmt: skip
 
     def _fitted(self, rows: Rows) -> Rows:
         """As much of a design as fits into the time."""
@@ -129,7 +141,9 @@ class PlanSearch:
         if any(name not in LETTERS for name in machine.axis_names):
             return schedule, Post(unsafe=schedule.unsafe, via=schedule.via)
         detours = {name: moves.via for name, moves in schedule.moves.items()}
-        post = cleared(machine, schedule.campaign.runs, schedule.unsafe, Post(via=schedule.via), detours)
+        runs = schedule.campaign.runs
+        tested = {r.id: self._tested.setdefault((r.table_ball, r.tool_ball, r.length), Tested()) for r in runs}
+        post = cleared(machine, runs, schedule.unsafe, Post(via=schedule.via), detours, tested)
         return retimed(schedule, post), post
 
     def _grid_in(self, rows: Rows) -> Candidates:
