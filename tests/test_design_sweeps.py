@@ -18,7 +18,7 @@ from scipy.stats import chi2
 
 from symfive.campaign import Campaign, Run, SetupSigma, read_campaign, write_campaign_files
 from symfive.cli import main
-from symfive.design import SweepPlan, assess, plan_sweeps
+from symfive.design import SweepPlan, _sweep_plan, assess, plan_sweeps
 from symfive.errors import InputError
 from symfive.identify import identify
 from symfive.inference import Noise
@@ -41,7 +41,11 @@ def made() -> SweepPlan:
 
 @pytest.fixture(scope="module")
 def bar() -> SweepPlan:
-    return plan_sweeps(MACHINE, instrument="ball_bar", minutes=MINUTES - 0.5, speeds=(SPEED,), rate_hz=10.0)
+    """With a tenth of the sweeps drawn, which lie between the plan and its certificate."""
+    kind = replace(_sweep_plan.INSTRUMENTS["ball_bar"], drawn=1_000)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(_sweep_plan.INSTRUMENTS, "ball_bar", kind)
+        return plan_sweeps(MACHINE, instrument="ball_bar", minutes=MINUTES - 0.5, speeds=(SPEED,), rate_hz=10.0)
 
 
 @pytest.fixture(scope="module")

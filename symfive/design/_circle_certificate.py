@@ -202,21 +202,24 @@ def relaxed_bound(goal: Goal, circles: Sequence[Informative], costs: Array, budg
     """Weights (n,) on circles or sweeps, by multiplicative steps (D. M. Titterington 1976), of the costs (n,) that add up to a
     budget, and the lowest ψ that any such weights can have."""
     draws = 1 if goal.robust == "nominal" else len(circles[0].matrices)
-    flat = [
-        np.array([c.matrices[d].ravel() / cost for c, cost in zip(circles, costs, strict=True)]) for d in range(draws)
-    ]
     k, n = len(goal.scale), len(circles)
+    upper, place = np.triu_indices(k), np.empty((k, k), dtype=np.int64)  # of what is symmetric
+    place[upper] = place.T[upper] = np.arange(len(upper[0]))
+    flat = [
+        np.array([c.matrices[d][upper] / cost for c, cost in zip(circles, costs, strict=True)]) for d in range(draws)
+    ]
+    twice = np.where(upper[0] == upper[1], 1.0, 2.0)
     power = 1.0 if goal.criterion.determinant else 0.5
     weights, best, bound, value = np.full(n, budget / n), np.empty(0), -math.inf, math.inf
     score = np.zeros(draws)
     for step in range(1, STEPS + 1):
-        totals = [(weights @ rates).reshape(k, k) for rates in flat]
+        totals = [(weights @ rates)[place] for rates in flat]
         psi = np.array([goal.psi(total) for total in totals])
         score += psi if goal.robust == "worst" else 0.0
         share = np.exp((score - score.max()) / math.sqrt(step))
         share /= share.sum()
         pulls = [goal.pull(total) for total in totals]
-        seen = sum(s * (rates @ pull.ravel()) for s, rates, pull in zip(share, flat, pulls, strict=True))
+        seen = sum(s * (rates @ (twice * pull[upper])) for s, rates, pull in zip(share, flat, pulls, strict=True))
         prior = sum(s * float(np.diag(pull) @ goal.scale**-2.0) for s, pull in zip(share, pulls, strict=True))
         here = float(share @ psi) - math.log(prior + budget * float(np.max(seen)))
         bound, reached = max(bound, here), goal.joined(psi.tolist(), budget)

@@ -17,8 +17,9 @@ from symfive.design._request import Request
 from symfive.design._robust import robust_exchange, survive_a_lost_pose
 from symfive.design._rounding import on_grid, one_tool, rounded
 from symfive.design._schedule import Schedule, retimed, scheduled
+from symfive.design._seated import Seated
 from symfive.design._space import Space
-from symfive.moves import cleared
+from symfive.moves import Tested, cleared
 from symfive.nc import LETTERS, Post
 from symfive.optimal import Candidates, Rows, Task
 
@@ -93,6 +94,16 @@ class PlanSearch:
         return self._with_ways_out(one_tool(self.space, self.task, rounded(self.space, design))), psi
 
     @cached_property
+    def _seated(self) -> dict[bytes, Seated]:
+        """The moves of runs that were laid out, by their poses."""
+        return {}
+
+    @cached_property
+    def _tested(self) -> dict[tuple[object, ...], Tested]:
+        """What is known of moves, by the set-up."""
+        return {}
+
+    @cached_property
     def _reach(self) -> Reach:
         return Reach(self.space)
 
@@ -108,6 +119,7 @@ class PlanSearch:
             repeats=asked.repeats,
             noise_um=asked.noise_um,
             index=bool(asked.index),
+            known=self._seated,
         )
 
     def _fitted(self, rows: Rows) -> Rows:
@@ -124,7 +136,9 @@ class PlanSearch:
         if any(name not in LETTERS for name in machine.axis_names):
             return schedule, Post(unsafe=schedule.unsafe, via=schedule.via)
         detours = {name: moves.via for name, moves in schedule.moves.items()}
-        post = cleared(machine, schedule.campaign.runs, schedule.unsafe, Post(via=schedule.via), detours)
+        runs = schedule.campaign.runs
+        tested = {r.id: self._tested.setdefault((r.table_ball, r.tool_ball, r.length), Tested()) for r in runs}
+        post = cleared(machine, runs, schedule.unsafe, Post(via=schedule.via), detours, tested)
         return retimed(schedule, post), post
 
     def _grid_in(self, rows: Rows) -> Candidates:

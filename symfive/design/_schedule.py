@@ -58,22 +58,27 @@ class RunMoves:
 
 
 def scheduled(
-    space: Space, rows: Rows, *, returns: int, repeats: int, noise_um: float, index: bool = False
+    space: Space, rows: Rows, *, returns: int, repeats: int, noise_um: float, index: bool = False,
+    known: dict[bytes, Seated] | None = None,
 ) -> Schedule:  # fmt: skip
     """Both orders (round trip; there and back) are laid out and the one with more information per minute is taken; `index`: the
-    first pose of every run is read once more with the spindle turned by 180°."""
-    groups = [np.flatnonzero(rows.group == g) for g in range(rows.groups)]
-    seated = [Seated(space, rows.z[mine], rows.k[mine]) for mine in groups]
+    first pose of every run is read once more with the spindle turned by 180°; `known` keeps the moves between a run's poses
+    for other designs that have them."""
+    seated = []
+    for g in range(rows.groups):
+        z, k = rows.z[rows.group == g], rows.k[rows.group == g]
+        key, known = z.tobytes() + k.tobytes(), {} if known is None else known
+        known[key] = known[key].anew() if key in known else Seated(space, z, k)
+        seated.append(known[key])
     orders = (lambda order: order, there_and_back)
-    known: list[dict[tuple[float, ...], bool]] = [{} for _ in seated]
-    plans = [_laid_out(space, rows, seated, known, order, returns, repeats, noise_um, index) for order in orders]
+    plans = [_laid_out(space, rows, seated, order, returns, repeats, noise_um, index) for order in orders]
     # ψ of D per parameter falls by log(time) when twice the time is spent on readings, so time and efficiency compare
     return max(plans, key=lambda p: math.log(max(p.drift, 1e-9)) - math.log(p.seconds))
 
 
 def _laid_out(
-    space: Space, rows: Rows, seated: Sequence[Seated], known: Sequence[dict[tuple[float, ...], bool]],
-    ordering: Callable[[Indices], Indices], returns: int, repeats: int, noise_um: float, index: bool,
+    space: Space, rows: Rows, seated: Sequence[Seated], ordering: Callable[[Indices], Indices], returns: int,
+    repeats: int, noise_um: float, index: bool,
 ) -> Schedule:  # fmt: skip
     runs: list[Run] = []
     unsafe: dict[str, tuple[int, ...]] = {}
@@ -97,7 +102,7 @@ def _laid_out(
             noise_um=noise_um, setup_sigma_um=space.setup_sigma, spindle=turned if index else None, options=space.options,
         )  # fmt: skip
         moves[name] = RunMoves(own, order, _sides(space.machine, run))
-        follows = _followed(space.machine, run, own.likely_moves(order, moves[name].sides), known[g])
+        follows = _followed(space.machine, run, own.likely_moves(order, moves[name].sides), own.followed)
         ways = {i: moves[name].via(i, follows) for i in range(1, len(order)) if order[i] != order[i - 1]}
         unsafe |= {name: around} if (around := tuple(i for i, way in ways.items() if way is None)) else {}
         via |= {name: bent} if (bent := {i: way for i, way in ways.items() if way}) else {}

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -48,7 +49,8 @@ class Seated:
     """Seated moves between the poses (n) of one set-up: `z` (n, nz) and `k` (n, 1) of its rows.
 
     `commands` of the poses; `straight` (n, n) about the times of straight moves, `times` (n, n) of the shortest clear ones,
-    infinite where the limits part two poses, s; `direct` (n, n) whether the straight move keeps all limits. The tip of a touch
+    infinite where the limits part two poses, s; `direct` (n, n) whether the straight move keeps all limits; `followed` beginning
+    and end of a straight move → whether the linear axes can follow the ball along it, as far as was asked. The tip of a touch
     probe cannot follow its sphere: no two of its poses are joined.
     """
 
@@ -63,6 +65,13 @@ class Seated:
             first, last = np.nonzero(~self.direct)
             self.direct[first, last] = ~_leaves(space, z, k, first, last, BETWEEN if self.count <= MANY else FEWER)
         self._blocked: set[tuple[int, int]] = set()
+        self.followed: dict[tuple[float, ...], bool] = {}
+
+    def anew(self) -> Seated:
+        """The same with no move refused; what was computed is kept."""
+        again = copy(self)
+        again._blocked = set()
+        return again
 
     @cached_property
     def times(self) -> Array:

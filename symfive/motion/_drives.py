@@ -34,12 +34,12 @@ def drive_response(command: Array, dt: float, gains: Mapping[str, float], wanted
         states = linear_states(relative, slope, dt, vector, wanted)
     motion = np.empty((len(command), 3, 1 + len(wanted)))
     motion[:, 0:2] = states[:, 0:2]
-    row, slopes = (np.asarray(part) for part in acceleration()(vector))
+    row, slopes = acceleration(vector)
     state = np.column_stack([states[:, :3, 0], relative, slope])
-    motion[:, 2, 0] = state @ row[0]
+    motion[:, 2, 0] = state @ row
     for i, name in enumerate(wanted):
         direct = state @ slopes[:, LOOP.index(name)] if name in LOOP else 0.0
-        motion[:, 2, 1 + i] = states[:, :3, 1 + i] @ row[0, :3] + direct
+        motion[:, 2, 1 + i] = states[:, :3, 1 + i] @ row[:3] + direct
     if rubs:
         add_friction(motion, states, friction, wanted, dt)
     motion[:, 0, 0] += reference

@@ -64,10 +64,9 @@ def discretisation() -> Any:
 
 
 @lru_cache(maxsize=1)
-def acceleration() -> Any:
-    """gains → the row (1, 5) that makes the acceleration of (x, v, ∫, c, dc/dt), and its slope (5, 5) in the gains."""
+def _acceleration() -> Any:
     gains, rate, _ = _loop()
-    return ca.Function("acceleration", [gains], [rate[1, :], ca.jacobian(rate[1, :].T, gains)])
+    return ca.Function("acceleration", [gains], [rate[1, :].T, ca.jacobian(rate[1, :].T, gains)])
 
 
 def linear_recurrence(step: Array, forcing: Array) -> Array:
@@ -88,6 +87,17 @@ def linear_recurrence(step: Array, forcing: Array) -> Array:
 def _step(h: float, gains: bytes) -> tuple[Array, Array]:
     step, slope = (np.asarray(part) for part in discretisation()(np.frombuffer(gains), h))
     return step, slope
+
+
+@lru_cache(maxsize=256)
+def _accelerating(gains: bytes) -> tuple[Array, Array]:
+    row, slopes = (np.asarray(part) for part in _acceleration()(np.frombuffer(gains)))
+    return row[:, 0], slopes
+
+
+def acceleration(vector: Array) -> tuple[Array, Array]:
+    """Of the gains LOOP: the row (5,) that makes the acceleration of (x, v, ∫, c, dc/dt), and its slopes (5, 5) in the gains."""
+    return _accelerating(vector.tobytes())
 
 
 def step_matrices(h: float, vector: Array, wanted: tuple[str, ...]) -> tuple[Array, list[Array]]:

@@ -86,12 +86,12 @@ def _with_acceleration(
     start_moved: Array,
 ) -> tuple[Array, Array]:  # fmt: skip
     """Position, velocity and acceleration of (position, velocity, integral), and their derivatives in the path."""
-    row, slopes = (np.asarray(part) for part in acceleration()(gains))
+    row, slopes = acceleration(gains)
     motion, motion_moved = states.copy(), moved.copy()
-    motion[:, 2] = np.einsum("i,kim->km", row[0, :3], states)
-    motion_moved[:, 2] = np.einsum("i,kimv->kmv", row[0, :3], moved)
-    motion[:, 2, 0] += inputs[0] @ row[0, 3:]
-    motion_moved[:, 2, 0] += np.einsum("i,kiv->kv", row[0, 3:], inputs[1])
+    motion[:, 2] = np.einsum("i,kim->km", row[:3], states)
+    motion_moved[:, 2] = np.einsum("i,kimv->kmv", row[:3], moved)
+    motion[:, 2, 0] += inputs[0] @ row[3:]
+    motion_moved[:, 2, 0] += np.einsum("i,kiv->kv", row[3:], inputs[1])
     for j, place in enumerate(places, start=1):
         motion[:, 2, j] += states[:, :, 0] @ slopes[:3, place] + inputs[0] @ slopes[3:, place]
         motion_moved[:, 2, j] += np.einsum("i,kiv->kv", slopes[:3, place], moved[:, :, 0])

@@ -8,7 +8,7 @@ then nowhere between does anything come nearer than (m + m' - L)/2. Where that i
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -34,6 +34,9 @@ FEW = 8
 """Places of a path that are looked at first."""
 ENOUGH_MM = 25.0
 """Distances above it are not sought further."""
+
+Met = Callable[[Sequence[tuple[Positions, Positions]], bool, bool], Sequence[str]]
+"""What meets on each of some straight moves, "" where it is clear, given whether they are rapid and the ball is seated."""
 
 
 class Moves:
@@ -117,6 +120,11 @@ class Moves:
             owner = np.tile(owner, len(halves))
         return found
 
+    def meetings(self, moves: Sequence[tuple[Positions, Positions]], rapid: bool, bar: bool) -> list[str]:
+        """`met` of moves from place to place."""
+        starts, ends = (np.stack([self.vector(place) for place in places]) for places in zip(*moves, strict=True))
+        return self.met(starts, ends, rapid=rapid, bar=bar)
+
     def _left(self, commands: Array, rapid: bool, bar: bool) -> Array:
         """What is left of every clearance above what must be kept (N, pairs)."""
         chunks = np.array_split(commands, 1 + len(commands) // AT_ONCE)
@@ -141,9 +149,11 @@ class Moves:
         return np.asarray((least < -ROUNDING_MM) & (way > FINE_MM))
 
 
-def blocked_moves(machine: Machine, run: Run, steps: Sequence[Step]) -> list[tuple[int, str]]:
-    """Moves of a program on which bodies meet or an axis leaves its travel: (the row they lead to, what meets)."""
+def blocked_moves(machine: Machine, run: Run, steps: Sequence[Step], met: Met | None = None) -> list[tuple[int, str]]:
+    """Moves of a program on which bodies meet or an axis leaves its travel: (the row they lead to, what meets); `met` answers
+    from what it knows."""
     test = Moves(machine, run)
+    met = met or test.meetings
     moves, outside = _moves(test, steps)
     found = dict(outside)
     for rapid, bar in itertools.product((False, True), repeat=2):
@@ -154,11 +164,8 @@ def blocked_moves(machine: Machine, run: Run, steps: Sequence[Step]) -> list[tup
         ]
         if not alike:
             continue
-        starts, ends = (
-            np.stack([test.vector(p) for p in places])
-            for places in ([before for _, before in alike], [step.commands for step, _ in alike])
-        )
-        for (step, _), what in zip(alike, test.met(starts, ends, rapid=rapid, bar=bar), strict=True):
+        whats = met([(before, step.commands) for step, before in alike], rapid, bar)
+        for (step, _), what in zip(alike, whats, strict=True):
             if what:
                 found.setdefault(step.towards or 0, what)
     return sorted(found.items())

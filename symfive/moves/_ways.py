@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -35,7 +35,7 @@ from symfive.nc import (
 )
 from symfive.procedures import Nominal, home
 
-__all__ = ["REMEDY", "Detour", "Ways", "cleared"]
+__all__ = ["REMEDY", "Detour", "Tested", "Ways", "cleared"]
 
 RETRACTS_MM = (50.0, 80.0, 120.0, 200.0)
 REMEDY = "what helps: a longer tool, a slimmer post or tool ([workspace] post_radius, tool_radius), more travel"
@@ -51,10 +51,21 @@ class _Out:
     over: Way
 
 
-class Ways:
-    """Clear ways between the poses of one run."""
+@dataclass(frozen=True)
+class Tested:
+    """What is known of straight moves in one set-up: whether one with the ball seated is clear, and what meets on
+    the others."""
 
-    def __init__(self, machine: Machine, run: Run, retract_mm: float = RETRACTS_MM[0]) -> None:
+    seated: dict[tuple[float, ...], bool] = field(default_factory=dict)
+    met: dict[tuple[bytes, bytes, bool, bool], str] = field(default_factory=dict)
+
+
+class Ways:
+    """Clear ways between the poses of one run; `tested` moves of its set-up are not looked at again."""
+
+    def __init__(
+        self, machine: Machine, run: Run, retract_mm: float = RETRACTS_MM[0], tested: Tested | None = None
+    ) -> None:
         self.machine, self.run = machine, run
         self.nominal, self.moves = Nominal(machine), Moves(machine, run)
         self.retracts = sorted({retract_mm, *RETRACTS_MM}, key=lambda mm: (mm != retract_mm, mm))
@@ -63,22 +74,22 @@ class Ways:
         self.plane = [name for name in machine.axes if name not in (*self.rotary, upright)]
         self.seat = Seat(machine, run, self.nominal)
         self._out: dict[tuple[float, ...], _Out | str] = {}
-        self._seated: dict[tuple[float, ...], bool] = {}
-        self._met: dict[tuple[bytes, bytes, bool, bool], str] = {}
+        self._tested = tested or Tested()
 
     def meets(self, before: Positions, after: Positions, *, rapid: bool, bar: bool = False) -> str:
         """What meets on a straight move, "" where it is clear."""
-        return self._meet([(before, after)], rapid, bar)[0]
+        return self.met([(before, after)], rapid, bar)[0]
 
-    def _meet(self, moves: Sequence[tuple[Positions, Positions]], rapid: bool, bar: bool) -> list[str]:
+    def met(self, moves: Sequence[tuple[Positions, Positions]], rapid: bool, bar: bool) -> list[str]:
         """The same of several moves, those that are new all at once."""
+        known = self._tested.met
         ends = [(self.moves.vector(before), self.moves.vector(after)) for before, after in moves]
         keys = [(before.tobytes(), after.tobytes(), rapid, bar) for before, after in ends]
-        new = {key: pair for key, pair in zip(keys, ends, strict=True) if key not in self._met}
+        new = {key: pair for key, pair in zip(keys, ends, strict=True) if key not in known}
         if new:
             starts, after = (np.stack(places) for places in zip(*new.values(), strict=True))
-            self._met |= dict(zip(new, self.moves.met(starts, after, rapid=rapid, bar=bar), strict=True))
-        return [self._met[key] for key in keys]
+            known.update(zip(new, self.moves.met(starts, after, rapid=rapid, bar=bar), strict=True))
+        return [known[key] for key in keys]
 
     def outs(self, rows: Iterable[int]) -> list[Way | str]:
         """`out` of several rows: the way that is tried first is looked at for all of them at once."""
@@ -93,18 +104,19 @@ class Ways:
                 up = out_to_the_top(self.machine, lifted)
                 rapids += itertools.pairwise((*up, *one_by_one(up[-1], self._at_home(up[-1]), self.plane)[1:]))
         for moves, rapid, bar in ((standing, False, True), (lifting, False, False), (rapids, True, False)):
-            self._meet(moves, rapid, bar)
+            self.met(moves, rapid, bar)
         return [self.out(row) for row in rows]
 
     def seated(self, moves: Sequence[tuple[Positions, Positions]]) -> list[bool]:
         """Whether each of some straight moves with the ball in its nest, or the bar on, is clear."""
         keys = [(*before.values(), *after.values()) for before, after in moves]
-        fresh = {key: move for key, move in zip(keys, moves, strict=True) if key not in self._seated}
+        known = self._tested.seated
+        fresh = {key: move for key, move in zip(keys, moves, strict=True) if key not in known}
         paths = dict(zip(fresh, self.seat.paths([*fresh.values()]), strict=True))
         followed = {key: path for key, path in paths.items() if path is not None}
-        self._seated |= dict.fromkeys(fresh, False)
-        self._seated |= dict(zip(followed, self.moves.clear([*followed.values()]), strict=True))
-        return [self._seated[key] for key in keys]
+        known.update(dict.fromkeys(fresh, False))
+        known.update(zip(followed, self.moves.clear([*followed.values()]), strict=True))
+        return [known[key] for key in keys]
 
     def out(self, row: int) -> Way | str:
         """The way out of a row's pose: drawn back, at the top, rotary axes home one by one; else what meets on the first one
@@ -204,23 +216,24 @@ Detour = Callable[[int, Callable[[Sequence[tuple[Positions, Positions]]], Sequen
 
 def cleared(
     machine: Machine, runs: Iterable[Run], unsafe: Mapping[str, Sequence[int]], post: Post | None = None,
-    detours: Mapping[str, Detour] | None = None,
+    detours: Mapping[str, Detour] | None = None, tested: Mapping[str, Tested] | None = None,
 ) -> Post:  # fmt: skip
     """The programs with every move clear: a row whose straight way with the ball seated is not is reached by way of intermediate
     positions (`detours` by run), and where there are none around, out of the nest.
 
-    `unsafe` run → rows that lead around anyway. Raises `InputError` where a pose has no way out, and where something meets along
-    a recording.
+    `unsafe` run → rows that lead around anyway, `tested` run → what is known of moves in its set-up. Raises `InputError` where a
+    pose has no way out, and where something meets along a recording.
     """
     post = replace(post or Post(), unsafe={}, ways={}, tested=machine.workspace.spindle_nose is not None)
     for run in runs:
         around = {row for row in unsafe.get(run.id, ()) if row}
-        post = _cleared(machine, run, around, post, (detours or {}).get(run.id))
+        ways = Ways(machine, run, post.retract_mm, (tested or {}).get(run.id))
+        post = _cleared(ways, around, post, (detours or {}).get(run.id))
     return post
 
 
-def _cleared(machine: Machine, run: Run, around: set[int], post: Post, detour: Detour | None) -> Post:
-    ways = Ways(machine, run, post.retract_mm)
+def _cleared(ways: Ways, around: set[int], post: Post, detour: Detour | None) -> Post:
+    machine, run = ways.machine, ways.run
     ways.outs(sorted({0, run.rows - 1, *around, *(row - 1 for row in around)}))
     first, last = (ways.left_by(row).up for row in (0, run.rows - 1))
     led: dict[int, Way] = {0: first[:1], run.rows: last}
@@ -230,7 +243,7 @@ def _cleared(machine: Machine, run: Run, around: set[int], post: Post, detour: D
         unsafe = {**post.unsafe, run.id: tuple(sorted(around))} if around else post.unsafe
         bent = {**post.via, run.id: via} if via else {name: rows for name, rows in post.via.items() if name != run.id}
         own = replace(post, unsafe=unsafe, via=bent, ways={**post.ways, run.id: led})
-        met = dict(blocked_moves(machine, run, program_steps(machine, run, own)))
+        met = dict(blocked_moves(machine, run, program_steps(machine, run, own), ways.met))
         for row, what in met.items():
             if run.dynamic or row in led:
                 on = "along the recording at" if run.dynamic and row not in led else "on the path to"
