@@ -19,7 +19,8 @@ from symfive.design._dynamic import Circle, CirclePlan, best_ratio, circle_infor
 from symfive.design._joint_certificate import JointCertificate, certify_joint
 from symfive.design._paths import FAMILIES
 from symfive.design._plan import Plan, plan
-from symfive.design._sweep_plan import SweepCertificate, SweepPlan, plan_sweeps
+from symfive.design._sweep_certificate import SweepCertificate
+from symfive.design._sweep_plan import SweepPlan, plan_sweeps
 from symfive.design._together import JointPlan, plan_together
 from symfive.design._until import plan_until
 from symfive.design._write import write_test

@@ -68,12 +68,14 @@ def positions_of(sweeps: Sweeps) -> tuple[Array, Array]:
     return np.round(found[picked], DIGITS), steps
 
 
-def draw(sweeps: Sweeps, count: int, speed: float) -> None:
-    """Offer sweeps between random positions, of which a variable turns or stays by chance."""
+def draw(sweeps: Sweeps, count: int, speed: float) -> Iterator[Sweep]:
+    """Sweeps between `count` pairs of random positions, of which a variable turns or stays by chance, where they are possible."""
     generator = np.random.default_rng(0)
     for _ in range(count):
         start, there = np.round(generator.uniform(sweeps.low, sweeps.high, (2, len(sweeps.low))), DIGITS)
-        sweeps.between(start, np.where(generator.random(len(start)) < 0.5, start, there), speed)
+        found = sweeps.between(start, np.where(generator.random(len(start)) < 0.5, start, there), speed)
+        if found is not None:
+            yield found
 
 
 def grid_of(sweeps: Sweeps, positions: Array, step: Array, ends: Flags, speed: float) -> Grid:
