@@ -69,6 +69,16 @@ def test_ways_through_stops_keep_the_speed_of_the_axis_that_turns_most() -> None
     assert np.abs(np.diff(rate, axis=0)).max() * 50.0 < 1.51 * 10.0 / 0.5  # acceleration of the smooth ramp
 
 
+@pytest.mark.parametrize("short", [0.004, 0.01, 0.05])
+def test_a_row_just_before_a_stop_is_the_stop(short: float) -> None:
+    """A step from there to the stop is no block of a program, and at 10 Hz its 0.1 s were those of the next block: 0.04°."""
+    whole = 3.0 + short  # s, of which a smooth start and stop cost half a second
+    _, q = through(np.array([[0.0], [20.0 * (whole - 0.5)], [0.0]]), 20.0, 10.0)
+    steps = np.abs(np.diff(q[:, 0]))
+    assert steps[: -round(DWELL_S * 10.0)].min() > 1e-4
+    assert q[:, 0].max() == 20.0 * (whole - 0.5)
+
+
 def test_plan_keeps_the_minutes_and_states_certificate_and_gain(made: SweepPlan) -> None:
     assert MINUTES - 0.3 < made.minutes <= MINUTES + 0.01
     assert made.certificate is not None
