@@ -44,29 +44,33 @@ def size(assessment: Assessment, criterion: str) -> float:
 
 
 def read(plant: Plant, made: SweepPlan, names: list[str], seed: int) -> tuple[Campaign, dict[str, float]]:
-    """The recording with readings, and the errors that made them."""
-    generator, run = np.random.default_rng(seed), made.campaign.runs[0]
+    """The recordings with readings, and the errors that made them."""
+    generator = np.random.default_rng(seed)
     truth, data = plant.drawn(names, generator), copy.deepcopy(plant.data)
     for axis in data["axes"].values():
         if "drive" in axis:
             axis["drive"]["position_gain"] *= 1.0 + GAIN * generator.standard_normal()
-    bar, sigma = run.length is not None, run.setup_sigma_um
-    spec = {
-        "id": run.id, "instrument": run.instrument[0], "sampling": "dynamic", "t_s": run.time, "command": run.commands,
-        "table_ball": run.table_ball, "tool_ball": run.tool_ball, "noise_um": run.noise_um, "length": run.length or 0.0,
-        "setup_um": {
-            "table_ball": list(bar * sigma.table_ball * generator.standard_normal(3)),
-            "length": bar * sigma.length * generator.standard_normal(),
-            "zero": [] if bar else list(UNKNOWN_UM * generator.standard_normal(3)),
-            "tool_ball": list(sigma.tool * generator.standard_normal(3)),
-        },
-    }  # fmt: skip
-    delay = {"effect": "latency", "delay_ms": DELAY_MS * generator.standard_normal()}
-    values = simulate_run(
-        data, spec, plant.location(truth), plant.motions(truth), [delay], seed=seed, noise_options=NOISE, oversample=FINE
-    ).values  # fmt: skip
-    readings = dict(zip(("dL_um",) if bar else ("dx_um", "dy_um", "dz_um"), values.T, strict=True))
-    return Campaign(machine=made.campaign.machine, runs=(run.with_readings(readings),)), truth
+    runs = []
+    for number, run in enumerate(made.campaign.runs):
+        bar, sigma = run.length is not None, run.setup_sigma_um
+        spec = {
+            "id": run.id, "instrument": run.instrument[0], "sampling": "dynamic", "t_s": run.time, "command": run.commands,
+            "table_ball": run.table_ball, "tool_ball": run.tool_ball, "noise_um": run.noise_um, "length": run.length or 0.0,
+            "setup_um": {
+                "table_ball": list(bar * sigma.table_ball * generator.standard_normal(3)),
+                "length": bar * sigma.length * generator.standard_normal(),
+                "zero": [] if bar else list(UNKNOWN_UM * generator.standard_normal(3)),
+                "tool_ball": list(sigma.tool * generator.standard_normal(3)),
+            },
+        }  # fmt: skip
+        delay = {"effect": "latency", "delay_ms": DELAY_MS * generator.standard_normal()}
+        values = simulate_run(
+            data, spec, plant.location(truth), plant.motions(truth), [delay], seed=1000 * number + seed, noise_options=NOISE,
+            oversample=FINE,
+        ).values  # fmt: skip
+        columns = ("dL_um",) if bar else ("dx_um", "dy_um", "dz_um")
+        runs.append(run.with_readings(dict(zip(columns, values.T, strict=True))))
+    return Campaign(machine=made.campaign.machine, runs=tuple(runs)), truth
 
 
 def covered(plant: Plant, made: SweepPlan, machines: int) -> tuple[float, float, float]:
@@ -101,7 +105,7 @@ def compare(name: str, instrument: str, minutes: float, poses: int | None, machi
         ratio = math.exp(size(rest.assessment, criterion) - size(made.assessment, criterion))
         stated, promised, share = covered(plant, made, machines)
         print(
-            f"{name:15} {criterion} {len(made.stops) - 1:4d} sweeps {made.minutes:5.1f} min "
+            f"{name:15} {criterion} {sum(len(s) - 1 for s in made.stops):4d} sweeps in {len(made.stops)} {made.minutes:5.1f} min "
             f"≥ {made.certificate.efficiency:.3f} | "
             f"{rest.certificate.points:3d} poses {rest.minutes:5.1f} min {ratio:6.2f} (any weights {made.at_rest:.2f}) | "
             f"{stated:.3f} {promised:.3f} {100.0 * share:5.1f} % | {spent:4.0f} s",

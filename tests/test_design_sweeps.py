@@ -18,7 +18,7 @@ from scipy.stats import chi2
 
 from symfive.campaign import Campaign, Run, SetupSigma, read_campaign, write_campaign_files
 from symfive.cli import main
-from symfive.design import SweepPlan, _sweep_plan, assess, plan_sweeps
+from symfive.design import Assessment, SweepPlan, _sweep_plan, assess, plan_sweeps
 from symfive.errors import InputError
 from symfive.identify import identify
 from symfive.inference import Noise
@@ -49,6 +49,12 @@ def bar() -> SweepPlan:
 
 
 @pytest.fixture(scope="module")
+def twice() -> SweepPlan:
+    """The mean variance is that of the set-up errors, which another mounting lowers."""
+    return plan_sweeps(MACHINE, minutes=2.0 * MINUTES - 1.5, criterion="A", speeds=(SPEED,), rate_hz=10.0, setups=2)
+
+
+@pytest.fixture(scope="module")
 def folder(made: SweepPlan, tmp_path_factory: pytest.TempPathFactory) -> Path:
     target = tmp_path_factory.mktemp("plan") / "sweeps"
     made.write(target, nc=("linuxcnc", "heidenhain"))
@@ -67,15 +73,25 @@ def test_ways_through_stops_keep_the_speed_of_the_axis_that_turns_most() -> None
     assert np.abs(np.diff(rate, axis=0)).max() * 50.0 < 1.51 * 10.0 / 0.5  # acceleration of the smooth ramp
 
 
+@pytest.mark.parametrize("short", [0.004, 0.01, 0.05])
+def test_a_row_just_before_a_stop_is_the_stop(short: float) -> None:
+    """A step from there to the stop is no block of a program, and at 10 Hz its 0.1 s were those of the next block: 0.04°."""
+    whole = 3.0 + short  # s, of which a smooth start and stop cost half a second
+    _, q = through(np.array([[0.0], [20.0 * (whole - 0.5)], [0.0]]), 20.0, 10.0)
+    steps = np.abs(np.diff(q[:, 0]))
+    assert steps[: -round(DWELL_S * 10.0)].min() > 1e-4
+    assert q[:, 0].max() == 20.0 * (whole - 0.5)
+
+
 def test_plan_keeps_the_minutes_and_states_certificate_and_gain(made: SweepPlan) -> None:
     assert MINUTES - 0.3 < made.minutes <= MINUTES + 0.01
     assert made.certificate is not None
     assert 0.9 < made.certificate.efficiency <= 1.0
     assert "searched over a dense set" in made.certificate.says and "same recording time" in made.certificate.says
     assert made.at_rest > 1.5
-    turned = [np.abs(b - a).max() for a, b in itertools.pairwise(made.stops)]
+    turned = [np.abs(b - a).max() for a, b in itertools.pairwise(made.stops[0])]
     assert min(turned) >= 2.0 * SPEED  # two correlation times
-    both_ways = {(bool(s > 0)) for s in np.diff(made.stops[:, -1]) if s}
+    both_ways = {(bool(s > 0)) for s in np.diff(made.stops[0][:, -1]) if s}
     assert both_ways == {True, False}
 
 
@@ -84,10 +100,10 @@ def test_bar_keeps_its_length_and_swings_while_the_table_turns(bar: SweepPlan) -
     assert bar.axes == ("B", "C", "bar azimuth", "bar elevation") and run.length in machine.workspace.bar_lengths
     way = Nominal(machine).ball(run.commands, run.tool_ball) - np.asarray(run.table_ball)
     assert np.linalg.norm(way, axis=1) == pytest.approx(run.length, abs=1e-5)
-    sine = np.sin(np.radians(bar.stops[:, 3]))
+    sine = np.sin(np.radians(bar.stops[0][:, 3]))
     assert way[0, 2] / run.length == pytest.approx(sine[0], abs=1e-6)
     assert way[-1, 2] / run.length == pytest.approx(sine[-1], abs=1e-6)
-    both = [np.abs(b - a) > 10.0 for a, b in itertools.pairwise(bar.stops)]
+    both = [np.abs(b - a) > 10.0 for a, b in itertools.pairwise(bar.stops[0])]
     assert any(turned[:2].any() and turned[2:].any() for turned in both)
 
 
@@ -120,19 +136,17 @@ def test_value_is_that_of_the_assessment(made: SweepPlan, bar: SweepPlan) -> Non
 
 
 def _compare_value(made: SweepPlan, first: float) -> None:
+    assert made.value - first < _size(made.assessment) < made.value + 0.01
     run = made.campaign.runs[0]
-    names = [p.name for p in made.assessment.parameters if p.kind not in ("setup", "effect")]
+    half = Campaign(machine=made.campaign.machine, runs=(run.part(0, run.rows // 2),))
+    assert _size(assess(half, effects=made.effects, noise=made.noise)) > made.value + 0.1
 
-    def size(campaign: Campaign) -> float:
-        found = assess(campaign, effects=made.effects, noise=made.noise)
-        index = [p.name for p in found.parameters]
-        place = [index.index(name) for name in names]
-        scale = np.array([found.parameters[i].sigma for i in place])
-        return float(np.linalg.slogdet(found.covariance[np.ix_(place, place)] / np.outer(scale, scale))[1]) / len(place)
 
-    assert made.value - first < size(made.campaign) < made.value + 0.01
-    half = run.part(0, run.rows // 2)
-    assert size(Campaign(machine=made.campaign.machine, runs=(half,))) > made.value + 0.1
+def _size(found: Assessment) -> float:
+    """ψ of D of all errors of the machine."""
+    place = [i for i, p in enumerate(found.parameters) if p.kind not in ("setup", "effect")]
+    scale = np.array([found.parameters[i].sigma for i in place])
+    return float(np.linalg.slogdet(found.covariance[np.ix_(place, place)] / np.outer(scale, scale))[1]) / len(place)
 
 
 def test_reading_faster_promises_hardly_more(made: SweepPlan) -> None:
@@ -161,7 +175,8 @@ def test_folder_is_in_order_and_its_programs_reach_every_stop(folder: Path, made
     assert [str(finding) for finding in check(folder)] == []
     data = json.loads((folder / "plan.json").read_text())
     assert data["certificate"]["efficiency"] == pytest.approx(made.certificate.efficiency, rel=1e-5)
-    assert data["stops_deg"] == made.stops.tolist()
+    (recording,) = data["recordings"]
+    assert recording["run"] == "sweeps" and recording["stops_deg"] == made.stops[0].tolist()
     assert {e["effect"] for e in data["effects"]} == {"latency", "servo_mismatch"}
     sheet = (folder / "setup.html").read_text()
     assert "efficiency" in sheet
@@ -200,11 +215,66 @@ def test_out_and_back_on_one_way_is_programmed_up_to_its_turn(made: SweepPlan) -
         ({"speeds": (0.0,)}, "not positive"),
         ({"correlation_s": 0.0}, "noise"),
         ({"speeds": (5000.0,)}, "no sweep"),
+        ({"instrument": "ball_bar", "lengths": (2000.0,)}, "no pose can be reached"),
     ],
 )
 def test_what_cannot_be_planned_is_refused(options: dict[str, object], says: str) -> None:
     with pytest.raises(InputError, match=says):
         plan_sweeps(MACHINE, **options)
+
+
+def test_another_mounting_is_taken_where_it_pays(twice: SweepPlan, made: SweepPlan) -> None:
+    first, second = twice.campaign.runs
+    assert (first.id, second.id) == ("sweeps-1", "sweeps-2") and first.table_ball != second.table_ball
+    assert first.duration == pytest.approx(second.duration, abs=5.0) and twice.minutes <= 2.0 * MINUTES - 1.5 + 0.01
+    assert {effect.id for effect in twice.effects} == {"servo_mismatch"} and first.clock_sigma_ms > 0.0
+    assert twice.certificate is not None and 0.9 < twice.certificate.efficiency <= 1.0
+    share = np.sqrt(
+        first.duration / (60.0 * (twice.minutes - 5.0))
+    )  # of the noise, where one mounting is read all the time
+    quiet = replace(first, noise_um=0.3 * share)
+    slow = Noise(0.3 * share, 0.3 * share, 1.0, 0.3 * share)
+    alone = assess(Campaign(machine=twice.campaign.machine, runs=(quiet,)), effects=twice.effects, noise=slow)
+    machine = [name for name in alone.sigma if not name.startswith(("setup.", "servo_mismatch."))]
+    sizes = {p.name: p.sigma for p in alone.parameters}
+
+    def mean(sigma: dict[str, float]) -> float:
+        return float(np.mean([(sigma[name] / sizes[name]) ** 2 for name in machine]))
+
+    assert np.log(len(machine) * mean(twice.assessment.sigma)) == pytest.approx(
+        np.log(len(machine)) + twice.value, abs=0.05
+    )
+    assert mean(twice.assessment.sigma) < mean(alone.sigma)
+    assert len(made.campaign.runs) == 1  # two minutes hold no further mounting
+
+
+def test_two_mountings_are_in_order_and_identified(twice: SweepPlan, tmp_path: Path) -> None:
+    """Each recording has a delay of its own, 5 ms (1σ)."""
+    twice.write(tmp_path / "twice", nc=("linuxcnc", "heidenhain"))
+    assert [str(finding) for finding in check(tmp_path / "twice")] == []
+    assert sorted(path.stem for path in (tmp_path / "twice" / "nc" / "linuxcnc").iterdir()) == ["sweeps-1", "sweeps-2"]
+    _compare_with_the_plant(tmp_path / "twice", twice)
+
+
+def test_a_recording_adds_to_what_is_known(made: SweepPlan) -> None:
+    """A second recording tells more than the first one made again, and as much as the search expects."""
+    second = plan_sweeps(MACHINE, minutes=MINUTES, speeds=(SPEED,), rate_hz=10.0, given=made.campaign, certify=False)
+    known = Campaign(machine=preset(MACHINE), runs=(replace(made.campaign.runs[0], clock_sigma_ms=10.0),))
+    again = _size(assess(known, effects=second.effects, noise=second.noise, given=known))
+    assert second.campaign.runs[0].clock_sigma_ms > 0.0 and again < made.value - 0.2
+    assert _size(second.assessment) < again - 0.01
+    assert second.value - 0.01 < _size(assess(second.campaign, effects=second.effects, noise=second.noise, given=known))
+
+
+@pytest.mark.parametrize(
+    ("option", "says"),
+    [(["--bar", "5"], "balls touch"), (["--setups", "0"], "setups"), (["--given", "nowhere"], "nowhere")],
+)
+def test_command_line_takes_bars_setups_and_what_is_known(
+    option: list[str], says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["plan", MACHINE, "-o", str(tmp_path / "p"), "--in-motion", "--instrument", "ball_bar", *option]) == 2
+    assert says in capsys.readouterr().err
 
 
 def test_command_line_refuses_options_of_poses(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -221,7 +291,7 @@ def _motion(terms: dict[str, float]) -> Callable[[np.ndarray], np.ndarray]:
 def measured(folder: Path, seed: int) -> tuple[Campaign, dict[str, float]]:
     """The plan read by the plant: errors, set-up and drives drawn from their priors, delay, slow noise."""
     generator, plan = np.random.default_rng(seed), read_campaign(folder)
-    table, run = tomllib.loads((folder / "machine.toml").read_text(encoding="utf-8")), plan.runs[0]
+    table = tomllib.loads((folder / "machine.toml").read_text(encoding="utf-8"))
     expected = json.loads((folder / "plan.json").read_text())["expected"]
     names = [name for name in expected if not name.startswith(("setup.", "latency.", "servo_mismatch."))]
     truth = {name: float(expected[name]["prior_std"] * generator.standard_normal()) for name in names}
@@ -231,24 +301,37 @@ def measured(folder: Path, seed: int) -> tuple[Campaign, dict[str, float]]:
         component: _motion({name.partition(".")[2]: v for name, v in truth.items() if name.startswith(f"{component}.")})
         for component in {name.partition(".")[0] for name in names if "." in name}
     }
-    sigma = run.setup_sigma_um
-    assert isinstance(sigma, SetupSigma)
-    known = run.length is not None  # a nest's place is not known at all: its zero is
-    spec = {
+    location = {name: value for name, value in truth.items() if "." not in name}
+    runs = []
+    for number, run in enumerate(plan.runs):
+        spec = {**_spec(run), "setup_um": _setup(run, generator)}
+        delay = {"effect": "latency", "delay_ms": 5.0 * generator.standard_normal()}
+        own = 1000 * number + seed
+        read = simulate_run(
+            table, spec, location, motions, [delay], seed=own, noise_options=SLOW, oversample=FINE
+        ).values
+        runs.append(run.with_readings(dict(zip(COLUMNS[run.instrument[0]], read.T, strict=True))))
+    return Campaign(machine=plan.machine, runs=tuple(runs)), truth
+
+
+def _spec(run: Run) -> dict[str, Any]:
+    """A recording for the plant."""
+    return {
         "id": run.id, "instrument": run.instrument[0], "sampling": "dynamic", "t_s": run.time, "command": run.commands,
         "table_ball": run.table_ball, "tool_ball": run.tool_ball, "noise_um": run.noise_um, "length": run.length or 0.0,
-        "setup_um": {
-            "table_ball": list(known * sigma.table_ball * generator.standard_normal(3)),
-            "length": known * sigma.length * generator.standard_normal(),
-            "zero": [] if known else list(150.0 * generator.standard_normal(3)),
-            "tool_ball": list(sigma.tool * generator.standard_normal(3)),
-        },
     }  # fmt: skip
-    delay = {"effect": "latency", "delay_ms": 5.0 * generator.standard_normal()}
-    location = {name: value for name, value in truth.items() if "." not in name}
-    read = simulate_run(table, spec, location, motions, [delay], seed=seed, noise_options=SLOW, oversample=FINE).values
-    readings = dict(zip(COLUMNS[run.instrument[0]], read.T, strict=True))
-    return Campaign(machine=plan.machine, runs=(run.with_readings(readings),)), truth
+
+
+def _setup(run: Run, generator: np.random.Generator) -> dict[str, Any]:
+    """Set-up errors drawn; a nest's place is not known at all: its zero is."""
+    sigma, known = run.setup_sigma_um, run.length is not None
+    assert isinstance(sigma, SetupSigma)
+    return {
+        "table_ball": list(known * sigma.table_ball * generator.standard_normal(3)),
+        "length": known * sigma.length * generator.standard_normal(),
+        "zero": [] if known else list(150.0 * generator.standard_normal(3)),
+        "tool_ball": list(sigma.tool * generator.standard_normal(3)),
+    }
 
 
 def test_plant_is_identified_within_the_stated_uncertainty(folder: Path, made: SweepPlan) -> None:

@@ -295,7 +295,8 @@ def plan(
             refuse_in_motion(click.get_current_context())
             result = plan_sweeps(
                 data, instrument=poses["instrument"], minutes=poses["minutes"] or 8.0, criterion=criterion or "D", for_=names,
-                noise_um=noise_um, setup_sigma=setup_sigma_of(sigmas), certify=not no_proof,
+                given=None if given is None else read(given, quiet), setups=poses["setups"], lengths=bars, noise_um=noise_um,
+                setup_sigma=setup_sigma_of(sigmas), certify=not no_proof,
                 **{name: value for name, value in motion.items() if value},
             )  # fmt: skip
         elif circles == CIRCULAR_TEST:

@@ -22,7 +22,10 @@ NO_SHIFT = "0,0,0"
 CIRCULAR_TEST = "iso-230-4"
 ALONE = ("part", "until", "per_minute", "bars", "points", "setups", "repeats", "frame", "index", "survive", "robust")
 """Options of a plan with one instrument."""
-AT_REST = (*ALONE, "given", "returns", "circles", "starts", "seed", "workers")
+AT_REST = (
+    "part", "until", "per_minute", "points", "repeats", "frame", "index", "survive", "robust", "returns", "circles", "starts",
+    "seed", "workers",
+)  # fmt: skip
 """Options of a plan at rest, and of circles."""
 
 

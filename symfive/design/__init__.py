@@ -28,7 +28,8 @@ from symfive.design._plan import Plan, plan
 from symfive.design._request import task_of
 from symfive.design._sheet import Sheet, setup_sheet
 from symfive.design._space import Space, make_space
-from symfive.design._sweep_plan import SweepCertificate, SweepPlan, plan_sweeps
+from symfive.design._sweep_certificate import SweepCertificate
+from symfive.design._sweep_plan import SweepPlan, plan_sweeps
 from symfive.design._together import JointPlan, plan_together
 from symfive.design._until import plan_until
 from symfive.design._write import write_test

@@ -145,14 +145,14 @@ def assess(
 ) -> Assessment:  # fmt: skip
     """Assess a plan or a campaign (its readings do not matter), or the one in a folder. `given`: one that was measured
     before, on this machine; `noise` of recordings where its rows are correlated (`coloured` in proportion to `white`)."""
-    campaign = campaign_given(campaign)
+    campaign, effects = campaign_given(campaign), tuple(effects)
     model = Model(campaign, effects)
     seen, margins = _data_information(model, noise), dict[str, int]()
     matrix = sum(seen.values(), np.zeros((len(model.parameters), len(model.parameters))))
     machine = np.array([p.kind != "setup" for p in model.parameters])
     if given is not None:
         names = [p.name for p in model.parameters if p.kind != "setup"]
-        matrix[np.ix_(machine, machine)] += machine_information(campaign_given(given), names)
+        matrix[np.ix_(machine, machine)] += machine_information(campaign_given(given), names, effects, noise)
     precision = np.diag(model.prior_sigma**-2.0)
     covariance = inverse(matrix + precision)
     chosen = np.flatnonzero(machine)
@@ -198,13 +198,15 @@ def _whitened(
         yield window.rows, window.columns, whitening(rows)
 
 
-def machine_information(campaign: Campaign, names: Iterable[str]) -> Array:
+def machine_information(
+    campaign: Campaign, names: Iterable[str], effects: Iterable[Effect] = (), noise: Noise | None = None
+) -> Array:
     """Information of a campaign about the machine's parameters `names`, all else marginalised, without priors (n, n).
 
-    In the files' units. Parameters that its machine file does not vary are taken as not seen.
+    In the files' units. Parameters that its machine file does not vary are taken as not seen; `effects`, `noise` as in `assess`.
     """
-    model = Model(campaign)
-    matrix = np.sum(list(_data_information(model).values()), axis=0)
+    model = Model(campaign, effects)
+    matrix = np.sum(list(_data_information(model, noise).values()), axis=0)
     wanted = list(names)
     chosen = np.array([model.index[name] for name in wanted if name in model.index], dtype=np.int64)
     other = np.setdiff1d(np.arange(len(model.parameters)), chosen)

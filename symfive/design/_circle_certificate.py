@@ -220,7 +220,8 @@ def relaxed_bound(goal: Goal, circles: Sequence[Informative], costs: Array, budg
         share /= share.sum()
         pulls = [goal.pull(total) for total in totals]
         seen = sum(s * (rates @ (twice * pull[upper])) for s, rates, pull in zip(share, flat, pulls, strict=True))
-        prior = sum(s * float(np.diag(pull) @ goal.scale**-2.0) for s, pull in zip(share, pulls, strict=True))
+        known = np.diag(goal.scale**-2.0) + goal.known
+        prior = sum(s * float(np.sum(pull * known)) for s, pull in zip(share, pulls, strict=True))
         here = float(share @ psi) - math.log(prior + budget * float(np.max(seen)))
         bound, reached = max(bound, here), goal.joined(psi.tolist(), budget)
         if reached < value:

@@ -131,17 +131,19 @@ def _marginal(model: Model, runs: Sequence[Run], vector: Array) -> Array:
 class Goal:
     """What circles are chosen for: ψ of the parameters `interest` (indices) with prior 1σ `scale` (k,), at the effects'
     typical size (`nominal`), or its mean or worst value over the draws; `per_minute` adds log of the recording time, which
-    for variances compares plans as if each were repeated until a given hour."""
+    for variances compares plans as if each were repeated until a given hour; `known` (k, k) information that is there already,
+    file units."""
 
     criterion: Criterion
     interest: Indices
     scale: Array
     robust: str = "nominal"
     per_minute: bool = False
+    known: Array | float = 0.0
 
     def covariance(self, total: Array) -> Array:
         """Posterior covariance, per prior 1σ, of an information matrix in file units (k, k)."""
-        return inverse(np.eye(len(self.scale)) + total * np.outer(self.scale, self.scale))
+        return inverse(np.eye(len(self.scale)) + (total + self.known) * np.outer(self.scale, self.scale))
 
     def value(self, circles: Sequence[Circle]) -> float:
         """ψ of some circles together."""

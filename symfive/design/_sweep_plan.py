@@ -1,57 +1,57 @@
-"""`plan_sweeps`: an R-test or a ball bar read on the way, as one recording of one mounting in given minutes.
+"""`plan_sweeps`: an R-test or a ball bar read on the way, one recording in every mounting, in given minutes.
 
 The rotary axes turn straight from stop to stop at a constant speed, one alone or several together, and the linear axes keep the
-ball in its nest, or the bar at its length; a bar swings with them in its azimuth and elevation. The mounting is the best one for
-poses at rest. Decided are the stops, their order, and the speed (`_sweep_search`). The certificate compares the recording with
-optimal seconds on a dense set of sweeps (`relaxed_bound`), as for circles: what lies between these is not proved.
+ball in its nest, or the bar at its length; a bar swings with them in its azimuth and elevation. Decided are the mountings and
+their number (`_sweep_mountings`), the speed, the stops and their order (`_sweep_recordings`, `_sweep_search`). The certificate
+compares the recordings with optimal seconds on a dense set of sweeps (`_sweep_certificate`): what lies between these is not
+proved.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from symfive.arrays import Array, Flags
-from symfive.campaign import Campaign, SetupSigma
-from symfive.design._assess import Assessment, assess
+from symfive.arrays import Array
+from symfive.campaign import Campaign, Run, SetupSigma
+from symfive.design._assess import Assessment, assess, machine_information
 from symfive.design._assessment_data import assessment_data, six_digits
-from symfive.design._candidates import best_setups, candidates_in, pose_grid
-from symfive.design._circle_certificate import relaxed_bound
+from symfive.design._candidates import candidates_in, pose_grid
 from symfive.design._circles import Goal
-from symfive.design._reach import Reach
-from symfive.design._request import check_counts, interest_of, task_of
+from symfive.design._request import check_counts, interest_of, task_of, with_bars
 from symfive.design._schedule import SETUP_S
-from symfive.design._space import make_space
-from symfive.design._sweep_search import Grid, best_way, draw, grid_of, positions_of, refined_way
-from symfive.design._sweeps import SHORTEST, Sweep, Sweeps
+from symfive.design._space import Space, make_space
+from symfive.design._sweep_certificate import SweepCertificate, certified, together
+from symfive.design._sweep_mountings import best_mountings
+from symfive.design._sweep_recordings import Recording
+from symfive.design._sweeps import DELAY_MS, SHORTEST, Sweeps, nuisances
 from symfive.design._write import SCHEMA, write_recordings
 from symfive.effects import Effect
 from symfive.errors import InputError
-from symfive.given import machine_given
+from symfive.given import campaign_given, machine_given
 from symfive.inference import Noise
 from symfive.machine import Machine
 from symfive.model import effect_to_data
-from symfive.moves import Moves
-from symfive.nc import LETTERS, Post
+from symfive.nc import Post
 from symfive.optimal import Task, relax
 from symfive.outputs import output_folder
 from symfive.procedures import DWELL_S, campaign_of
 from symfive.screen import OnScreen, listed
 from symfive.threads import one_thread
 
-__all__ = ["SweepCertificate", "SweepPlan", "plan_sweeps"]
+__all__ = ["SweepPlan", "plan_sweeps"]
 
 
 @dataclass(frozen=True)
 class _Kind:
-    """An instrument: its `name`, the `poses` at rest by which its mounting is chosen and with which its sweeps are compared, and
-    the sweeps `drawn` at random beside those of the grid, which is coarse where a bar adds two variables."""
+    """An instrument: its `name`, the `poses` at rest with which its sweeps are compared, and the sweeps `drawn` at random beside
+    those of the grid, which is coarse where a bar adds two variables."""
 
     name: str
     poses: int
@@ -64,56 +64,22 @@ SLOW_S = 1.0
 """Correlation time of the slow noise where none is given, s: `identify` finds 0.27 µm and 1.07 s, beside 0.30 µm of white noise,
 in the circular tests of `tests/data/campaigns/planar-none`. State your own: it prints them for every recording."""
 ROUNDS = 2
-READINGS = 200
-"""With which mountings are compared."""
-SAMPLE = 60
-"""Sweeps by which speeds are compared."""
-REMEDY = "what helps: a lower speed, a longer tool, more travel, a lower sigma of the errors"
-SLACK = 0.01
-"""Share of the time that is left to moving the stops off the grid."""
-
-
-@dataclass(frozen=True)
-class SweepCertificate:
-    """`efficiency` of a recording: at least this share of the best that weights of any size on `candidates` sweeps of this
-    mounting can do in the same time (in variance, per parameter); `bound` the lowest ψ these have, `speeds` degree/s."""
-
-    efficiency: float
-    bound: float
-    candidates: int
-    speeds: tuple[float, ...]
-
-    @property
-    def says(self) -> str:
-        """The certificate in one sentence."""
-        share = math.floor(self.efficiency * 1e3) / 1e3
-        speeds = ", ".join(f"{speed:g}" for speed in self.speeds)
-        return (
-            f"efficiency ≥ {share:.3f} in the same recording time over {self.candidates} candidate sweeps in this mounting at "
-            f"{speeds} °/s (searched over a dense set, not proved)"
-        )
-
-    def to_data(self) -> dict[str, Any]:
-        """The certificate in plan.json."""
-        return {
-            "says": self.says, "efficiency": six_digits(self.efficiency), "bound": six_digits(self.bound),
-            "candidates": self.candidates, "speeds_deg_per_s": list(self.speeds), "rigour": "searched over a dense set",
-        }  # fmt: skip
 
 
 @dataclass(frozen=True, repr=False)
 class SweepPlan(OnScreen):
-    """Sweeps in one recording: the `campaign` without readings; `stops` (n, axes), degree, of the rotary `axes` and, of a ball
-    bar, its azimuth and elevation in the workpiece frame, between which they turn at `speed` degree/s; `effects` that an
-    identification has to free with the geometry (lag and delay); `value` the ψ of `criterion`; `at_rest` by how much the variance
-    of poses at rest is larger in the same mounting and the same minutes, at least; the `assessment` with the correlated
+    """Sweeps in one recording or several, each in a mounting of its own: the `campaign` without readings; of every run the
+    `stops` (n, axes), degree, of the rotary `axes` and, of a ball bar, its azimuth and elevation in the workpiece frame, and the
+    speed (`speeds`), degree/s, at which they turn; `effects` that an identification has to free with the geometry (lag, and the
+    delay of a single recording: of several each has its own in its set-up); `value` the ψ of `criterion`; `at_rest` by how much
+    the variance of poses at rest is larger in the same mountings and minutes, at least; the `assessment` with the correlated
     `noise`."""
 
     campaign: Campaign
     criterion: str
     axes: tuple[str, ...]
-    stops: Array
-    speed: float
+    stops: tuple[Array, ...]
+    speeds: tuple[float, ...]
     effects: tuple[Effect, ...]
     noise: Noise
     value: float
@@ -129,18 +95,22 @@ class SweepPlan(OnScreen):
 
     @property
     def minutes(self) -> float:
-        """Time of the recording and the mounting."""
-        return (SETUP_S + self.campaign.runs[0].duration) / 60.0
+        """Time of the recordings and the mountings."""
+        return sum(SETUP_S + run.duration for run in self.campaign.runs) / 60.0
 
     def to_data(self) -> dict[str, Any]:
         """plan.json as nested mappings; `effects` as `symfive identify --effects` reads them."""
         noise = self.noise
+        recordings = [
+            {"run": run.id, "speed_deg_per_s": speed, "stops_deg": stops.tolist()}
+            for run, speed, stops in zip(self.campaign.runs, self.speeds, self.stops, strict=True)
+        ]
         return {
             "schema": SCHEMA, "machine": self.campaign.machine.name, "instrument": self.instrument,
             "criterion": {"name": self.criterion, "value": six_digits(self.value)},
             "certificate": None if self.certificate is None else self.certificate.to_data(),
-            "minutes": six_digits(self.minutes), "speed_deg_per_s": self.speed, "axes": list(self.axes),
-            "stops_deg": self.stops.tolist(), "variance_at_rest": six_digits(self.at_rest),
+            "minutes": six_digits(self.minutes), "axes": list(self.axes), "recordings": recordings,
+            "variance_at_rest": six_digits(self.at_rest),
             "noise": {"white_um": noise.white, "coloured_um": noise.coloured, "correlation_s": noise.time_constant},
             "effects": [effect_to_data(effect) for effect in self.effects],
             **assessment_data(self.assessment), "notes": list(self.notes),
@@ -157,68 +127,124 @@ class SweepPlan(OnScreen):
     @property
     def _says(self) -> list[str]:
         more = f"variance ({self.criterion}) at least {self.at_rest:.2f} times as large"
-        rest = f"poses at rest in the same mounting and minutes: {more}"
+        where = "mounting" if len(self.stops) == 1 else "mountings"
+        rest = f"poses at rest in the same {where} and minutes: {more}"
         return [*([] if self.certificate is None else [f"certificate: {self.certificate.says}"]), rest, *self.notes]
 
     def __str__(self) -> str:
-        run = self.campaign.runs[0]
-        ball = tuple(round(v) for v in run.table_ball)
-        bar = "" if run.length is None else f", bar {run.length:g} mm"
-        head = [
-            f"{INSTRUMENTS[self.instrument].name} in motion, {len(self.stops) - 1} sweeps at {self.speed:g} °/s in one "
-            f"recording of {run.duration:.0f} s, {self.minutes:.1f} min with set-up",
-            f"  ball at {ball} mm, tool {-run.tool_ball[2]:g} mm{bar}",
-        ]
-        stops = [" ".join(f"{n} {v:g}°" for n, v in zip(self.axes, stop, strict=True)) for stop in self.stops]
-        ways = [f"  {before} to {after}" for before, after in itertools.pairwise(stops)]
-        return "\n".join(
-            [*head, *listed(ways, "plan.stops", 10), *listed(self._says, "plan.notes", 10), str(self.assessment)]
+        count = len(self.stops)
+        several = "one recording" if count == 1 else f"{count} recordings, each in a mounting of its own"
+        sweeps = sum(len(stops) - 1 for stops in self.stops)
+        seconds = sum(run.duration for run in self.campaign.runs)
+        head = (
+            f"{INSTRUMENTS[self.instrument].name} in motion, {sweeps} sweeps in {several}, {seconds:.0f} s, "
+            f"{self.minutes:.1f} min with set-up"
         )
+        return "\n".join([head, *self._ways(), *listed(self._says, "plan.notes", 10), str(self.assessment)])
+
+    def _ways(self) -> Iterable[str]:
+        """Mounting and sweeps of every recording."""
+        for run, speed, stops in zip(self.campaign.runs, self.speeds, self.stops, strict=True):
+            ball = tuple(round(v) for v in run.table_ball)
+            bar = "" if run.length is None else f", bar {run.length:g} mm"
+            yield f"  {run.id}: ball at {ball} mm, tool {-run.tool_ball[2]:g} mm{bar}, {speed:g} °/s"
+            named = [" ".join(f"{n} {v:g}°" for n, v in zip(self.axes, stop, strict=True)) for stop in stops]
+            ways = [f"  {before} to {after}" for before, after in itertools.pairwise(named)]
+            yield from listed(ways, "plan.stops", 10)
 
 
 @one_thread
 def plan_sweeps(
     machine: Machine | Path | str, *, instrument: str = "r_test", minutes: float = 8.0, criterion: str = "D",
-    for_: Iterable[str] = (), speeds: Sequence[float] = SPEEDS, noise_um: float = 0.3, coloured_um: float | None = None,
+    for_: Iterable[str] = (), given: Campaign | Path | str | None = None, setups: int | None = None,
+    lengths: Sequence[float] = (), speeds: Sequence[float] = SPEEDS, noise_um: float = 0.3, coloured_um: float | None = None,
     correlation_s: float = SLOW_S, rate_hz: float = 50.0, setup_sigma: SetupSigma | None = None, certify: bool = True,
 ) -> SweepPlan:  # fmt: skip
-    """The most informative sweeps of the rotary axes, and of a `ball_bar`'s direction, in `minutes`, 5 min of mounting included,
-    and their certificate.
+    """The most informative sweeps of the rotary axes, and of a `ball_bar`'s direction, in `minutes`, 5 min for every mounting
+    included, and their certificate.
 
     `speeds` degree/s to choose from, of the axis (or angle of the bar) that turns most; `noise_um` 1σ of the white noise,
     `coloured_um` (default: as large) and `correlation_s` those of the slow one; `for_` the errors that count (default: all);
-    `setup_sigma` as in `plan`; `certify` compares the recording with a dense set of sweeps. Lag of the drives and delay of the
-    recording are nuisance parameters. Raises `InputError` where nothing can be planned.
+    `given` a campaign already measured on this machine; `setups` at most so many mountings (default: as many as pay); `lengths`
+    the bars that the user owns, mm (default: the machine file's); `setup_sigma` as in `plan`; `certify` compares the recordings
+    with a dense set of sweeps. Lag of the drives and the delay of every recording are nuisance parameters. Raises `InputError`
+    where nothing can be planned.
     """
-    machine, noise = machine_given(machine), _noise_of(noise_um, coloured_um, correlation_s)
+    machine, noise = with_bars(machine_given(machine), lengths), _noise_of(noise_um, coloured_um, correlation_s)
     if instrument not in INSTRUMENTS:
         raise InputError(f"sweeps with {instrument} are not planned", remedy="use instrument r_test or ball_bar")
     if not speeds or not all(0.0 < speed < math.inf for speed in speeds):
         raise InputError("a speed of the sweeps is not positive", remedy="give speeds in degree/s, as 10")
-    check_counts(machine, {})
+    check_counts(machine, {"setups": setups})
+    seconds, speeds = _seconds_in(minutes, SHORTEST * correlation_s), tuple(sorted(speeds))
     space = make_space(machine, instrument, noise_um=noise_um, setup_sigma=setup_sigma)
-    names = [p.name for p in space.shared]
-    task = task_of(space, criterion, interest_of(names, tuple(for_)), None)
-    seconds = 60.0 * minutes - SETUP_S - DWELL_S
-    if seconds < 2.0 * SHORTEST * correlation_s:
+    before = None if given is None else _given(given, machine)
+    task, goal = _asked(space, criterion, tuple(for_), before, noise)
+    recordings = _searched(space, task, goal, noise, rate_hz, speeds, seconds, setups)
+    mounted = [recording.sweeps for recording in recordings]
+    apart = len(recordings) > 1 or before is not None
+    found = [recording.sweeps.recorded(recording.stops, recording.speed) for recording in recordings]
+    runs = tuple(_named(run, i, len(found), apart) for i, (run, _) in enumerate(found))
+    totals, whole = [total for _, total in found], sum(run.duration for run in runs)
+    value = together(mounted, goal, totals)[0].psi(totals[0])
+    certificate = certified(mounted, goal, value, whole, speeds) if certify else None
+    campaign, effects = campaign_of(machine, runs, "sweeps"), nuisances(machine, delay=not apart)
+    return SweepPlan(
+        campaign, criterion, mounted[0].names, tuple(np.stack(recording.stops) for recording in recordings),
+        tuple(recording.speed for recording in recordings), effects, noise, value, certificate,
+        math.exp(_at_rest(mounted, task, whole) - value), assess(campaign, effects=effects, given=before, noise=noise),
+        tuple(_notes(machine, recordings, speeds)),
+    )  # fmt: skip
+
+
+def _named(run: Run, i: int, count: int, apart: bool) -> Run:
+    """The run of recording `i` of so many; its delay is its own where there are several."""
+    name = "sweeps" if count == 1 else f"sweeps-{i + 1}"
+    return replace(run, id=name, file=f"{name}.csv", clock_sigma_ms=DELAY_MS if apart else 0.0)
+
+
+def _seconds_in(minutes: float, least: float) -> Callable[[int], float]:
+    """Seconds that so many mountings leave each recording, 0 where two sweeps do not fit. Raises `InputError` for one."""
+
+    def seconds(count: int) -> float:
+        left = 60.0 * minutes / count - SETUP_S - DWELL_S
+        return left if left >= 2.0 * least else 0.0
+
+    if not seconds(1):
         raise InputError(
             f"{minutes:g} min leave no time beside the mounting, {SETUP_S / 60.0:g} min", remedy="give more minutes"
         )
-    (setup,), ((length,),) = best_setups(space, task, 1, READINGS, pose_grid(space, INSTRUMENTS[instrument].poses))
-    sweeps = Sweeps(space, setup, float(length), noise, rate_hz)
-    goal = Goal(
-        task.criterion, np.array([sweeps.model.index[names[i]] for i in task.interest]), sweeps.model.prior_sigma
-    )
-    speed, stops = _searched(sweeps, goal, sorted(speeds), seconds)
-    run, information = sweeps.recorded(stops, speed)
-    value = goal.psi(information)
-    certificate = _certified(sweeps, goal, value, run.duration, tuple(sorted(speeds))) if certify else None
-    campaign = campaign_of(machine, (run,), "sweeps")
-    at_rest = _at_rest(sweeps, task, run.duration)
-    return SweepPlan(
-        campaign, criterion, sweeps.names, np.stack(stops), speed, sweeps.effects, noise, value, certificate,
-        math.exp(at_rest - value), assess(campaign, effects=sweeps.effects, noise=noise), tuple(_notes(sweeps, speed, speeds)),
-    )  # fmt: skip
+    return seconds
+
+
+def _given(given: Campaign | Path | str, machine: Machine) -> Campaign:
+    """The campaign measured before, each of its recordings with a delay of its own. Raises `InputError`."""
+    campaign = campaign_given(given)
+    if campaign.machine.structure != machine.structure:
+        raise InputError("the campaign given is of another machine", remedy="give one measured on this machine")
+    runs = [replace(r, clock_sigma_ms=r.clock_sigma_ms or DELAY_MS) if r.dynamic else r for r in campaign.runs]
+    return replace(campaign, runs=tuple(runs))
+
+
+def _asked(
+    space: Space, criterion: str, wanted: tuple[str, ...], given: Campaign | None, noise: Noise
+) -> tuple[Task, Goal]:
+    """The task of poses at rest and the goal of recordings, both with what a campaign `given` tells."""
+    names = [p.name for p in space.shared]
+    task = task_of(space, criterion, interest_of(names, wanted), None)
+    model = Sweeps(space, space.lower[space.poses :], space.lengths[0], noise, 1.0).model
+    goal = Goal(task.criterion, np.array([model.index[names[i]] for i in task.interest]), model.prior_sigma)
+    if given is None:
+        return task, goal
+    effects = nuisances(space.machine, delay=False)
+    shared = [i for i, p in enumerate(model.parameters) if p.kind != "setup" and not p.name.startswith("latency.")]
+    known = np.zeros((len(model.parameters),) * 2)
+    told = machine_information(given, [model.parameters[i].name for i in shared], effects, noise)
+    known[np.ix_(shared, shared)] = told
+    place = np.array([model.index[name] for name in names])
+    sigma = np.array([p.sigma for p in space.shared])
+    rested = replace(task, prior=task.prior + known[np.ix_(place, place)] * np.outer(sigma, sigma))
+    return rested, replace(goal, known=known)
 
 
 def _noise_of(white: float, coloured: float | None, correlation_s: float) -> Noise:
@@ -228,112 +254,33 @@ def _noise_of(white: float, coloured: float | None, correlation_s: float) -> Noi
     return Noise(white, slow, correlation_s, white)
 
 
-def _sample(positions: Array) -> Array:
-    """Some pairs of positions (n, 2, axes)."""
-    pairs = np.array(list(itertools.permutations(range(len(positions)), 2))).reshape(-1, 2)
-    drawn: Array = positions[np.random.default_rng(0).permutation(pairs)[:SAMPLE]]
-    return drawn
+def _searched(
+    space: Space, task: Task, goal: Goal, noise: Noise, rate_hz: float, speeds: tuple[float, ...],
+    seconds: Callable[[int], float], most: int | None,
+) -> list[Recording]:  # fmt: skip
+    """The recordings in the best mountings. Raises `InputError` where no sweep is possible."""
+    kind = INSTRUMENTS[space.instrument]
+    mountings = best_mountings(space, task, goal, noise, rate_hz, kind.poses, speeds, seconds, most)
+    told, each = [mine for _, mine in mountings], seconds(len(mountings))
+    recordings = [Recording(sweeps, goal, speeds, each, kind.drawn) for sweeps, _ in mountings]
+    for _, i in itertools.product(range(ROUNDS), range(len(recordings))):
+        others = sum(told[:i]) + sum(told[i + 1 :])
+        told[i] = recordings[i].improve(replace(goal, known=goal.known + others), each)
+    return recordings
 
 
-def _searched(sweeps: Sweeps, goal: Goal, speeds: Sequence[float], seconds: float) -> tuple[float, list[Array]]:
-    """Speed and stops of the best recording found. Raises `InputError` where no sweep is possible."""
-    positions, step = positions_of(sweeps)
-    speed = _best_speed(sweeps, goal, positions, speeds, seconds)
-    draw(sweeps, INSTRUMENTS[sweeps.space.instrument].drawn, speed)
-    stops: list[Array] = []
-    for _ in range(ROUNDS):
-        grid = grid_of(sweeps, positions, step, _ends(sweeps, positions), speed)
-        if not np.isfinite(grid.seconds[np.ix_(grid.ends, grid.ends)]).any():
-            raise InputError("no sweep is clear of all limits", remedy=REMEDY)
-        stops = _clear_way(sweeps, goal, grid, stops, speed, seconds)
-        positions = _about(sweeps, goal, stops, seconds, len(positions))
-    return speed, stops
+def _at_rest(mounted: Sequence[Sweeps], task: Task, seconds: float) -> float:
+    """The lowest ψ of poses at rest in these mountings, with weights of any size, each in the workspace's `seconds_per_pose`."""
+    space, setups = mounted[0].space, np.stack([sweeps.setup for sweeps in mounted])
+    lengths = np.array([[sweeps.length] for sweeps in mounted])
+    candidates = candidates_in(space, setups, lengths, pose_grid(space, INSTRUMENTS[space.instrument].poses))
+    return relax(task, candidates, len(mounted), seconds / space.machine.workspace.seconds_per_pose).bound
 
 
-def _best_speed(sweeps: Sweeps, goal: Goal, positions: Array, speeds: Sequence[float], seconds: float) -> float:
-    """The speed on which the best weights spend most of the time, of some sweeps at every speed."""
-    for a, b in _sample(positions):
-        for speed in speeds:
-            sweeps.between(a, b, speed)
-    offered = sweeps.offered
-    if not offered:
-        raise InputError("no sweep is clear of all limits", remedy=REMEDY)
-    weights, _ = _weighed(goal, [sweep for _, _, sweep in offered], seconds)
-    spent = {speed: sum(w for w, (_, own, _) in zip(weights, offered, strict=True) if own == speed) for speed in speeds}
-    return max(spent, key=lambda speed: spent[speed])
-
-
-def _weighed(goal: Goal, offered: Sequence[Sweep], seconds: float) -> tuple[Array, float]:
-    return relaxed_bound(goal, offered, np.array([sweep.seconds for sweep in offered]), seconds)
-
-
-def _ends(sweeps: Sweeps, positions: Array) -> Flags:
-    """Positions (n,) with an exit path, in which the instrument can be mounted."""
-    if not set(sweeps.machine.axis_names) <= set(LETTERS):
-        return np.ones(len(positions), dtype=bool)
-    return np.array([not what for what in Reach(sweeps.space).in_the_way(*sweeps.poses(positions))])
-
-
-def _clear_way(
-    sweeps: Sweeps, goal: Goal, grid: Grid, stops: Sequence[Array], speed: float, seconds: float
-) -> list[Array]:  # fmt: skip
-    """The best stops on a grid, then off it; a sweep on which bodies meet is no longer offered."""
-    start = [int(np.argmin(np.abs(grid.positions - stop).max(axis=1))) for stop in stops]
-    while True:
-        way = best_way(grid, goal, (1.0 - SLACK) * seconds, start)
-        found = refined_way(sweeps, goal, [grid.positions[i] for i in way], grid.step, speed, seconds)
-        blocked = _blocked(sweeps, found, speed)
-        if not blocked:
-            return found
-        start = []
-        for pair in blocked:
-            sweeps.blocked(*pair, speed)
-            grid.without(
-                [(a, b) for a, b in itertools.pairwise(way) if np.all(grid.positions[[a, b]] == np.stack(pair))]
-            )
-
-
-def _blocked(sweeps: Sweeps, stops: Sequence[Array], speed: float) -> list[tuple[Array, Array]]:
-    """Sweeps between stops on which something meets."""
-    pairs = list(itertools.pairwise(stops))
-    runs = [sweeps.run(np.stack(pair), speed) for pair in pairs]
-    paths = [np.stack([run.commands[name] for name in sweeps.machine.axis_names], axis=1) for run in runs]
-    clear = Moves(sweeps.machine, runs[0]).clear(paths)
-    return [pair for pair, free in zip(pairs, clear, strict=True) if not free]
-
-
-def _about(sweeps: Sweeps, goal: Goal, stops: Sequence[Array], seconds: float, count: int) -> Array:
-    """The stops, and as many ends of the sweeps on which the best weights spend their time as make `count` positions."""
-    offered = sweeps.offered
-    weights, _ = _weighed(goal, [sweep for _, _, sweep in offered], seconds)
-    spent: dict[tuple[float, ...], float] = {}
-    for weight, (ends, _, _) in zip(weights, offered, strict=True):
-        for end in ends:
-            spent[tuple(end)] = spent.get(tuple(end), 0.0) + weight
-    own = list(dict.fromkeys(tuple(stop) for stop in stops))
-    others = sorted(spent.keys() - set(own), key=lambda end: -spent[end])
-    return np.array([*own, *others[: max(count - len(own), count // 2)]])
-
-
-def _certified(
-    sweeps: Sweeps, goal: Goal, value: float, seconds: float, speeds: tuple[float, ...]
-) -> SweepCertificate:  # fmt: skip
-    offered = [sweep for _, _, sweep in sweeps.offered]
-    bound = _weighed(goal, offered, seconds)[1]
-    return SweepCertificate(min(1.0, math.exp(bound - value)), bound, len(offered), speeds)
-
-
-def _at_rest(sweeps: Sweeps, task: Task, seconds: float) -> float:
-    """The lowest ψ of poses at rest in this mounting, with weights of any size, each in the workspace's `seconds_per_pose`."""
-    space, length = sweeps.space, np.array([[sweeps.length]])
-    candidates = candidates_in(space, sweeps.setup[None], length, pose_grid(space, INSTRUMENTS[space.instrument].poses))
-    return relax(task, candidates, 1, seconds / space.machine.workspace.seconds_per_pose).bound
-
-
-def _notes(sweeps: Sweeps, speed: float, speeds: Sequence[float]) -> Iterable[str]:
-    without = [name for name, axis in sweeps.machine.axes.items() if axis.drive is None]
+def _notes(machine: Machine, recordings: Sequence[Recording], speeds: Sequence[float]) -> Iterable[str]:
+    without = [name for name, axis in machine.axes.items() if axis.drive is None]
     if without:
         yield f"no lag of {', '.join(without)} is considered: the machine file has no drive of it"
-    if len(speeds) > 1 and speed == max(speeds):
-        yield f"{speed:g} °/s is the largest speed offered, not a limit of the machine"
+    if len(speeds) > 1 and any(recording.speed == max(speeds) for recording in recordings):
+        yield f"{max(speeds):g} °/s is the largest speed offered, not a limit of the machine"
     yield "identify with --effects plan.json: lag of the drives and delay of the recording are estimated with the geometry"

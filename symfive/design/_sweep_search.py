@@ -68,12 +68,17 @@ def positions_of(sweeps: Sweeps) -> tuple[Array, Array]:
     return np.round(found[picked], DIGITS), steps
 
 
-def draw(sweeps: Sweeps, count: int, speed: float) -> None:
-    """Offer sweeps between random positions, of which a variable turns or stays by chance."""
-    generator = np.random.default_rng(0)
+def draw(sweeps: Sweeps, count: int, speed: float) -> Iterator[Sweep]:
+    """Sweeps between `count` pairs of random positions, of which a variable turns or stays by chance, where they are possible."""
+    generator, pairs = np.random.default_rng(0), []
     for _ in range(count):
         start, there = np.round(generator.uniform(sweeps.low, sweeps.high, (2, len(sweeps.low))), DIGITS)
-        sweeps.between(start, np.where(generator.random(len(start)) < 0.5, start, there), speed)
+        pairs.append((start, np.where(generator.random(len(start)) < 0.5, start, there)))
+    ends = np.array(pairs)
+    for start, there in ends[sweeps.reachable(ends[:, 0]) & sweeps.reachable(ends[:, 1])] if count else ():
+        found = sweeps.between(start, there, speed)
+        if found is not None:
+            yield found
 
 
 def grid_of(sweeps: Sweeps, positions: Array, step: Array, ends: Flags, speed: float) -> Grid:

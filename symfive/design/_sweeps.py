@@ -29,6 +29,7 @@ from symfive.errors import InputError
 from symfive.inference import Noise, whiten
 from symfive.machine import Machine
 from symfive.model import Model
+from symfive.optimal import inverse
 from symfive.procedures import DWELL_S, checked, through
 
 __all__ = ["Sweep", "Sweeps", "nuisances"]
@@ -41,6 +42,8 @@ the cup's limit would cross it."""
 Ends = tuple[tuple[float, ...], tuple[float, ...]]
 MEMORY = 3.0
 """Correlation times of rest before a sweep after which its noise no longer depends on the beginning."""
+DELAY, DELAY_MS = "latency", 10.0
+"""The effect of one recording's delay, and the prior 1σ of the delay of each of several, which is an error of its set-up."""
 SHORTEST = 2.0
 """Correlation times that a sweep lasts at least: only then does what two neighbours tell add up."""
 
@@ -58,12 +61,13 @@ class Sweep:
         return (self.matrix,)
 
 
-def nuisances(machine: Machine) -> tuple[Effect, ...]:
-    """Delay of the instrument's clock, and lag of every axis whose drive the machine file describes, where its model has none."""
+def nuisances(machine: Machine, *, delay: bool = True) -> tuple[Effect, ...]:
+    """The `delay` of the instrument's clock, and lag of every axis whose drive the machine file describes, where its model has
+    none."""
     held = {(entry.effect, entry.axis) for entry in machine.effects}
     drives = [name for name, axis in machine.axes.items() if axis.drive is not None]
     found = [
-        make_effect("latency"),
+        *([make_effect(DELAY)] if delay else []),
         *(make_effect("servo_mismatch", name, gains=("position_gain",)) for name in drives),
     ]
     return tuple(effect for effect in found if (effect.id, effect.axis) not in held)
@@ -71,7 +75,8 @@ def nuisances(machine: Machine) -> tuple[Effect, ...]:
 
 class Sweeps:
     """All sweeps of one mounting: `setup` as in `SETUP_VARIABLES`, `length` of its bar, mm (0 of an R-test); `noise` of the
-    readings, `rate_hz` rows per second. `names` of what turns, from `low` to `high` (variables,), degree."""
+    readings, `rate_hz` rows per second. `names` of what turns, from `low` to `high` (variables,), degree; `own` (k,) which
+    parameters are this recording's alone: its set-up errors and its delay."""
 
     def __init__(self, space: Space, setup: Array, length: float, noise: Noise, rate_hz: float) -> None:
         self.space, self.setup, self.length, self.noise, self.rate_hz = space, setup, length, noise, rate_hz
@@ -90,6 +95,12 @@ class Sweeps:
         kinds = [p.kind for p in self.model.parameters]
         usual = np.where([kind == "effect" for kind in kinds], sizes, self.model.prior_sigma)
         self._sizes = np.where([kind == "setup" for kind in kinds], 0.0, usual)
+        self.own: Flags = np.array(
+            [
+                kind == "setup" or p.name.startswith(f"{DELAY}.")
+                for kind, p in zip(kinds, self.model.parameters, strict=True)
+            ]
+        )
         self._known: dict[tuple[Ends, float], Sweep | None] = {}
 
     def run(self, stops: Array, speed: float) -> Run:
@@ -169,6 +180,15 @@ class Sweeps:
         """Which positions (n, variables), degree, are inside all limits."""
         inside: Flags = np.all((positions >= self.low) & (positions <= self.high), axis=1)
         return inside & self.space.feasible(*self.poses(positions))
+
+    def shared(self, total: Array) -> Array:
+        """What the information (k, k) of a recording says of the parameters that all recordings share, its own marginalised;
+        (k, k), zero for its own."""
+        own, others = np.flatnonzero(self.own), np.flatnonzero(~self.own)
+        rest = total[np.ix_(own, own)] + np.diag(self.model.prior_sigma[own] ** -2.0)
+        cross, found = total[np.ix_(others, own)], np.zeros_like(total)
+        found[np.ix_(others, others)] = total[np.ix_(others, others)] - cross @ inverse(rest) @ cross.T
+        return found
 
     def recorded(self, stops: Sequence[Array], speed: float) -> tuple[Run, Array]:
         """The recording through some stops, and its information (k, k)."""

@@ -70,6 +70,8 @@ def along(length: float, speed: float, run_up: float, rate_hz: float) -> tuple[A
 
 SOFT_S = 0.5
 """In which an axis gets up to the speed of a sweep: ten time constants of a slow position loop (20 1/s)."""
+AT_A_STOP_DEG = 1e-4
+"""A row nearer to a stop is the stop: a program has no block so short, and its time would go to the next one."""
 
 
 def through(stops: Array, speed: float, rate_hz: float) -> tuple[Array, Array]:
@@ -83,8 +85,8 @@ def through(stops: Array, speed: float, rate_hz: float) -> tuple[Array, Array]:
         length = float(np.abs(after - before).max())
         _, turned = along(np.radians(length), np.radians(speed), np.radians(0.5 * SOFT_S * speed), rate_hz)
         share = turned / turned[-1]
-        rows = int(np.argmax(share >= 1.0 - 1e-12)) + 1
-        parts.append(before + share[1:rows, None] * (after - before))
+        rows = int(np.argmax(share >= 1.0 - AT_A_STOP_DEG / length)) + 1
+        parts.append(before + np.append(share[1 : rows - 1], 1.0)[:, None] * (after - before))
     parts.append(np.tile(stops[-1:], (round(DWELL_S * rate_hz), 1)))
     positions = np.concatenate(parts)
     return np.arange(len(positions)) / rate_hz, positions

@@ -9,7 +9,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from symfive.campaign import Run, write_campaign
-from symfive.design import plan
+from symfive.design import plan, plan_sweeps
 from symfive.errors import InputError
 from symfive.machine import Machine, read_machine
 from symfive.moves import cleared
@@ -32,9 +32,12 @@ def main(arguments: list[str] | None = None) -> int:
         "--circles", action="store_true", help="of random machines: circles of linear and rotary axes, no poses"
     )
     parser.add_argument("--probes", action="store_true", help="of random machines: spheres touched by a probe")
+    parser.add_argument(
+        "--in-motion", action="store_true", help="of random machines: sweeps of an R-test or a ball bar"
+    )
     options = parser.parse_args(arguments)
     if options.random:
-        make = _circles if options.circles else _probes if options.probes else _poses
+        make = _circles if options.circles else _probes if options.probes else _sweeps if options.in_motion else _poses
         return 1 if _random(range(*options.random), make) else 0
     reversed_axes = tuple(filter(None, options.reversed.split(",")))
     plans = [path.parent for folder in options.folders for path in sorted(folder.glob("**/campaign.toml"))]
@@ -61,6 +64,16 @@ def _probes(machine: Machine, seed: int, folder: Path) -> None:
     """A sphere touched by a probe."""
     made = plan(machine, instrument="touch_probe", points=6, setups=1, starts=1, prove=False)
     made.write(folder, nc=tuple(DIALECTS), post=Post(probe_tool=30))
+
+
+def _sweeps(machine: Machine, seed: int, folder: Path) -> None:
+    """Sweeps of an R-test or a ball bar, every third time in two mountings; two of six under tool-centre control."""
+    minutes, criterion = (10.8, "A") if seed % 3 == 2 else (5.4, "D")
+    made = plan_sweeps(
+        machine, instrument=("r_test", "ball_bar")[seed % 2], minutes=minutes, criterion=criterion, setups=2, certify=False,
+    )  # fmt: skip
+    centred = seed % 6 in (3, 4)  # the lines of other controls depend on the machine
+    made.write(folder, nc=("iso", "siemens") if centred else tuple(DIALECTS), post=Post(tool_centre=centred))
 
 
 def _circles(machine: Machine, seed: int, folder: Path) -> None:

@@ -1,0 +1,66 @@
+"""How often the instrument is mounted for sweeps, and where.
+
+The mountings are the best ones for poses at rest (`best_setups`). In each the best weights on some random sweeps give what a
+recording there tells (`relaxed_bound`), its own set-up errors and delay marginalised, so that recordings add up: another mounting
+is taken where ψ is lower although its set-up takes time from the recordings.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from symfive.arrays import Array
+from symfive.design._candidates import best_setups, pose_grid
+from symfive.design._circle_certificate import relaxed_bound
+from symfive.design._circles import Goal
+from symfive.design._space import Space
+from symfive.design._sweep_recordings import best_speed
+from symfive.design._sweep_search import draw
+from symfive.design._sweeps import Sweeps
+from symfive.inference import Noise
+from symfive.optimal import Task
+
+__all__ = ["best_mountings"]
+
+MOST = 4
+"""Mountings at most where nobody says how many."""
+READINGS = 200
+"""With which mountings are compared."""
+SAMPLE, TRIES = 60, 600
+"""Sweeps by which numbers of mountings are compared, and how many are tried for them."""
+
+
+def best_mountings(
+    space: Space, task: Task, goal: Goal, noise: Noise, rate_hz: float, poses: int, speeds: tuple[float, ...],
+    seconds: Callable[[int], float], most: int | None,
+) -> list[tuple[Sweeps, Array]]:  # fmt: skip
+    """The mountings, `most` at most, each for a recording of `seconds(count)`, and what this tells of the shared parameters
+    (k, k). `poses` at rest are compared. Raises `InputError` where no sweep is possible."""
+    best: list[tuple[Sweeps, Array]] = []
+    value = math.inf
+    for count in itertools.takewhile(lambda count: seconds(count) > 0.0, range(1, 1 + (most or MOST))):
+        setups, lengths = best_setups(space, task, count, READINGS, pose_grid(space, poses))
+        tried = [
+            Sweeps(space, setup, float(length), noise, rate_hz)
+            for setup, (length,) in zip(setups, lengths, strict=True)
+        ]
+        told = [
+            _told(sweeps, goal, best_speed(sweeps, goal, speeds, seconds(count)), seconds(count)) for sweeps in tried
+        ]
+        reached = goal.psi(sum(told, np.zeros_like(told[0])))
+        if reached >= value:
+            break
+        value, best = reached, list(zip(tried, told, strict=True))
+    return best
+
+
+def _told(sweeps: Sweeps, goal: Goal, speed: float, seconds: float) -> Array:
+    """What the best weights on some sweeps of a recording tell of the shared parameters (k, k)."""
+    found = [*itertools.islice(draw(sweeps, TRIES, speed), SAMPLE), *(sweep for *_, sweep in sweeps.offered)]
+    costs = np.array([sweep.seconds for sweep in found])
+    weights, _ = relaxed_bound(goal, found, costs, seconds)
+    return sweeps.shared(np.tensordot(weights / costs, np.stack([sweep.matrix for sweep in found]), 1))

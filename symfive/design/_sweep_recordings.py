@@ -1,0 +1,123 @@
+"""The search for one recording: speed, stops on a grid and then off it, in rounds, by what other recordings leave to be told."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+
+import numpy as np
+
+from symfive.arrays import Array, Flags
+from symfive.design._circle_certificate import relaxed_bound
+from symfive.design._circles import Goal
+from symfive.design._reach import Reach
+from symfive.design._sweep_search import Grid, best_way, draw, grid_of, positions_of, refined_way
+from symfive.design._sweeps import Sweep, Sweeps
+from symfive.errors import InputError
+from symfive.moves import Moves
+from symfive.nc import LETTERS
+
+__all__ = ["Recording", "best_speed"]
+
+SAMPLE = 60
+"""Sweeps by which speeds are compared."""
+SLACK = 0.01
+"""Share of the time that is left to moving the stops off the grid."""
+REMEDY = "what helps: a lower speed, a longer tool, more travel, a lower sigma of the errors"
+
+
+class Recording:
+    """A recording in one mounting at the best of some `speeds`, whose `stops` every round improves; `drawn` sweeps at random
+    beside those of the grid."""
+
+    def __init__(self, sweeps: Sweeps, goal: Goal, speeds: Sequence[float], seconds: float, drawn: int) -> None:
+        self.sweeps, self.speed = sweeps, best_speed(sweeps, goal, speeds, seconds)
+        self._positions, self._step = positions_of(sweeps)
+        for _ in draw(sweeps, drawn, self.speed):
+            pass
+        self.stops: list[Array] = []
+
+    def improve(self, goal: Goal, seconds: float) -> Array:
+        """Search stops for at most so many seconds, `goal` knowing what the others tell; what the recording then tells of the
+        parameters that are shared (k, k). Raises `InputError` where no sweep is possible."""
+        sweeps, positions, speed = self.sweeps, self._positions, self.speed
+        grid = grid_of(sweeps, positions, self._step, _ends(sweeps, positions), speed)
+        if not np.isfinite(grid.seconds[np.ix_(grid.ends, grid.ends)]).any():
+            raise InputError("no sweep is clear of all limits", remedy=REMEDY)
+        self.stops = _clear_way(sweeps, goal, grid, self.stops, speed, seconds)
+        self._positions = _about(sweeps, goal, self.stops, seconds, len(positions))
+        found = [sweeps.between(*pair, speed) for pair in itertools.pairwise(self.stops)]
+        return sweeps.shared(np.sum([sweep.matrix for sweep in found if sweep is not None], axis=0))
+
+
+def _sample(positions: Array) -> Array:
+    """Some pairs of positions (n, 2, axes)."""
+    pairs = np.array(list(itertools.permutations(range(len(positions)), 2))).reshape(-1, 2)
+    drawn: Array = positions[np.random.default_rng(0).permutation(pairs)[:SAMPLE]]
+    return drawn
+
+
+def best_speed(sweeps: Sweeps, goal: Goal, speeds: Sequence[float], seconds: float) -> float:
+    """The speed on which the best weights spend most of the time, of some sweeps at every speed. Raises `InputError` where no
+    sweep is possible."""
+    for a, b in _sample(positions_of(sweeps)[0]):
+        for speed in speeds:
+            sweeps.between(a, b, speed)
+    offered = sweeps.offered
+    if not offered:
+        raise InputError("no sweep is clear of all limits", remedy=REMEDY)
+    weights, _ = _weighed(goal, [sweep for _, _, sweep in offered], seconds)
+    spent = {speed: sum(w for w, (_, own, _) in zip(weights, offered, strict=True) if own == speed) for speed in speeds}
+    return max(spent, key=lambda speed: spent[speed])
+
+
+def _weighed(goal: Goal, offered: Sequence[Sweep], seconds: float) -> tuple[Array, float]:
+    return relaxed_bound(goal, offered, np.array([sweep.seconds for sweep in offered]), seconds)
+
+
+def _ends(sweeps: Sweeps, positions: Array) -> Flags:
+    """Positions (n,) with an exit path, in which the instrument can be mounted."""
+    if not set(sweeps.machine.axis_names) <= set(LETTERS):
+        return np.ones(len(positions), dtype=bool)
+    return np.array([not what for what in Reach(sweeps.space).in_the_way(*sweeps.poses(positions))])
+
+
+def _clear_way(
+    sweeps: Sweeps, goal: Goal, grid: Grid, stops: Sequence[Array], speed: float, seconds: float
+) -> list[Array]:  # fmt: skip
+    """The best stops on a grid, then off it; a sweep on which bodies meet is no longer offered."""
+    start = [int(np.argmin(np.abs(grid.positions - stop).max(axis=1))) for stop in stops]
+    while True:
+        way = best_way(grid, goal, (1.0 - SLACK) * seconds, start)
+        found = refined_way(sweeps, goal, [grid.positions[i] for i in way], grid.step, speed, seconds)
+        blocked = _blocked(sweeps, found, speed)
+        if not blocked:
+            return found
+        start = []
+        for pair in blocked:
+            sweeps.blocked(*pair, speed)
+            grid.without(
+                [(a, b) for a, b in itertools.pairwise(way) if np.all(grid.positions[[a, b]] == np.stack(pair))]
+            )
+
+
+def _blocked(sweeps: Sweeps, stops: Sequence[Array], speed: float) -> list[tuple[Array, Array]]:
+    """Sweeps between stops on which something meets."""
+    pairs = list(itertools.pairwise(stops))
+    runs = [sweeps.run(np.stack(pair), speed) for pair in pairs]
+    paths = [np.stack([run.commands[name] for name in sweeps.machine.axis_names], axis=1) for run in runs]
+    clear = Moves(sweeps.machine, runs[0]).clear(paths)
+    return [pair for pair, free in zip(pairs, clear, strict=True) if not free]
+
+
+def _about(sweeps: Sweeps, goal: Goal, stops: Sequence[Array], seconds: float, count: int) -> Array:
+    """The stops, and as many ends of the sweeps on which the best weights spend their time as make `count` positions."""
+    offered = sweeps.offered
+    weights, _ = _weighed(goal, [sweep for _, _, sweep in offered], seconds)
+    spent: dict[tuple[float, ...], float] = {}
+    for weight, (ends, _, _) in zip(weights, offered, strict=True):
+        for end in ends:
+            spent[tuple(end)] = spent.get(tuple(end), 0.0) + weight
+    own = list(dict.fromkeys(tuple(stop) for stop in stops))
+    others = sorted(spent.keys() - set(own), key=lambda end: -spent[end])
+    return np.array([*own, *others[: max(count - len(own), count // 2)]])
