@@ -194,7 +194,7 @@ def test_the_files_that_the_how_tos_name_exist():
     for page in (ROOT / "docs/howto").glob("*.md"):
         for path in re.findall(r"`((?:symfive|tests|docs)/[\w/.-]+\.(?:py|md))`", page.read_text(encoding="utf-8")):
             assert "NAME" in path or (ROOT / path).is_file(), f"{page.name}: {path}"
-    for path, name in (("test_effects.py", "CASES"), ("test_effects.py", "FORMULAS"), ("test_predict.py", "RUNS"),
+    for path, name in (("effects_world.py", "CASES"), ("test_effects.py", "FORMULAS"), ("test_predict.py", "RUNS"),
                        ("plan_checker/dialects.py", "DIALECTS")):  # fmt: skip
         assert re.search(rf"^{name}\b", (ROOT / "tests" / path).read_text(encoding="utf-8"), re.MULTILINE), path
 

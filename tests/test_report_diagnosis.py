@@ -316,7 +316,7 @@ def test_the_visible_part_is_what_the_residual_shows(found):
     ("stage", "axis", "part"),
     [
         ("servo_mismatch", "X", "drive"), ("backlash", "B", "axis"), ("thermal_drift", None, "loop"),
-        ("latency", None, "drive"), ("sensor_error", None, "instrument"),
+        ("latency", None, "instrument"), ("sensor_error", None, "instrument"),
     ],
 )  # fmt: skip
 def test_the_affected_link_follows_the_stage(found, stage, axis, part):
