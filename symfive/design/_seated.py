@@ -121,8 +121,9 @@ class Seated:
 
         graph = self._graph.copy()
         if self._blocked:
-            a, b = np.array(list(self._blocked)).T
-            graph[a, b] = 0.0
+            refused = np.zeros(graph.shape, dtype=bool)
+            refused[tuple(np.array(list(self._blocked)).T)] = True
+            graph.data[refused[graph.nonzero()]] = 0.0  # of straight moves that were refused some are no edges
             graph.eliminate_zeros()
         into = graph[[last]].tocoo()  # the edges of the last node, the same both ways
         nodes = into.coords[1]

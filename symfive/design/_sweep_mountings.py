@@ -2,7 +2,8 @@
 
 The mountings are the best ones for poses at rest (`best_setups`). In each the best weights on some random sweeps give what a
 recording there tells (`relaxed_bound`), its own set-up errors and delay marginalised, so that recordings add up: another mounting
-is taken where ψ is lower although its set-up takes time from the recordings.
+pays where ψ is lower although its set-up takes time from the recordings. Weights are not whole sweeps, so the last word has the
+search (`_sweep_plan`).
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from symfive.design._sweeps import Sweeps
 from symfive.inference import Noise
 from symfive.optimal import Task
 
-__all__ = ["best_mountings"]
+__all__ = ["mountings_that_pay"]
 
 MOST = 4
 """Mountings at most where nobody says how many."""
@@ -34,13 +35,13 @@ SAMPLE, TRIES = 60, 600
 """Sweeps by which numbers of mountings are compared, and how many are tried for them."""
 
 
-def best_mountings(
+def mountings_that_pay(
     space: Space, task: Task, goal: Goal, noise: Noise, rate_hz: float, poses: int, speeds: tuple[float, ...],
     seconds: Callable[[int], float], most: int | None,
-) -> list[tuple[Sweeps, Array]]:  # fmt: skip
-    """The mountings, `most` at most, each for a recording of `seconds(count)`, and what this tells of the shared parameters
-    (k, k). `poses` at rest are compared. Raises `InputError` where no sweep is possible."""
-    best: list[tuple[Sweeps, Array]] = []
+) -> list[list[tuple[Sweeps, Array]]]:  # fmt: skip
+    """One mounting, two and more, `most` at most, as long as ψ falls: each for a recording of `seconds(count)`, with what this
+    tells of the shared parameters (k, k). `poses` at rest are compared. Raises `InputError` where no sweep is possible."""
+    found: list[list[tuple[Sweeps, Array]]] = []
     value = math.inf
     for count in itertools.takewhile(lambda count: seconds(count) > 0.0, range(1, 1 + (most or MOST))):
         setups, lengths = best_setups(space, task, count, READINGS, pose_grid(space, poses))
@@ -54,8 +55,9 @@ def best_mountings(
         reached = goal.psi(sum(told, np.zeros_like(told[0])))
         if reached >= value:
             break
-        value, best = reached, list(zip(tried, told, strict=True))
-    return best
+        value = reached
+        found.append(list(zip(tried, told, strict=True)))
+    return found
 
 
 def _told(sweeps: Sweeps, goal: Goal, speed: float, seconds: float) -> Array:

@@ -28,7 +28,7 @@ from symfive.design._request import check_counts, interest_of, task_of, with_bar
 from symfive.design._schedule import SETUP_S
 from symfive.design._space import Space, make_space
 from symfive.design._sweep_certificate import SweepCertificate, certified, together
-from symfive.design._sweep_mountings import best_mountings
+from symfive.design._sweep_mountings import mountings_that_pay
 from symfive.design._sweep_recordings import Recording
 from symfive.design._sweeps import DELAY_MS, SHORTEST, Sweeps, nuisances
 from symfive.design._write import SCHEMA, write_recordings
@@ -258,15 +258,31 @@ def _searched(
     space: Space, task: Task, goal: Goal, noise: Noise, rate_hz: float, speeds: tuple[float, ...],
     seconds: Callable[[int], float], most: int | None,
 ) -> list[Recording]:  # fmt: skip
-    """The recordings in the best mountings. Raises `InputError` where no sweep is possible."""
-    kind = INSTRUMENTS[space.instrument]
-    mountings = best_mountings(space, task, goal, noise, rate_hz, kind.poses, speeds, seconds, most)
-    told, each = [mine for _, mine in mountings], seconds(len(mountings))
-    recordings = [Recording(sweeps, goal, speeds, each, kind.drawn) for sweeps, _ in mountings]
+    """The recordings in the best mountings: as many as pay by optimal seconds, or fewer as long as whole sweeps tell more. Raises
+    `InputError` where no sweep is possible."""
+    poses = INSTRUMENTS[space.instrument].poses
+    best: list[Recording] = []
+    value = math.inf
+    for mountings in reversed(mountings_that_pay(space, task, goal, noise, rate_hz, poses, speeds, seconds, most)):
+        recordings, reached = _recorded(mountings, goal, speeds, seconds(len(mountings)))
+        if reached >= value:
+            break
+        value, best = reached, recordings
+    return best
+
+
+def _recorded(
+    mountings: Sequence[tuple[Sweeps, Array]], goal: Goal, speeds: tuple[float, ...], seconds: float
+) -> tuple[list[Recording], float]:
+    """A recording of so many seconds in each mounting, each searched with what the others tell, and ψ of all."""
+    told = [mine for _, mine in mountings]
+    recordings = [
+        Recording(sweeps, goal, speeds, seconds, INSTRUMENTS[sweeps.space.instrument].drawn) for sweeps, _ in mountings
+    ]
     for _, i in itertools.product(range(ROUNDS), range(len(recordings))):
         others = sum(told[:i]) + sum(told[i + 1 :])
-        told[i] = recordings[i].improve(replace(goal, known=goal.known + others), each)
-    return recordings
+        told[i] = recordings[i].improve(replace(goal, known=goal.known + others), seconds)
+    return recordings, goal.psi(sum(told, np.zeros_like(told[0])))
 
 
 def _at_rest(mounted: Sequence[Sweeps], task: Task, seconds: float) -> float:
