@@ -20,7 +20,8 @@ POINTS = np.random.default_rng(0).normal(size=(203, 2)) * 30.0
 HELD = np.array([0.3, -2.0, 0.7])
 
 
-def forget(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+@pytest.fixture(autouse=True)
+def cache(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     """A cache and a memory of one's own; where the libraries lie."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.setenv(SWITCH, PROGRAM or "none")
@@ -31,7 +32,8 @@ def forget(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     return tmp_path / "cache" / "symfive"
 
 
-def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture
+def eager(monkeypatch: pytest.MonkeyPatch) -> None:
     """Everything is compiled after the first rows."""
     for name in ("LOOKED_UP_S", "LOOKED_UP_OPERATION_S", "COMPILED_S", "COMPILED_OPERATION_S"):
         monkeypatch.setattr(_mapped, name, 0.0)

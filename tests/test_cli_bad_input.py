@@ -6,39 +6,10 @@ import shutil
 from pathlib import Path
 
 import pytest
-from test_cli import BAR, CAMPAIGNS, NESTS, Answer, cell, refused, spoil
+import test_cli
+from test_cli import BAR, CAMPAIGNS, cell, refused, spoil
 
-import symfive.cli as cli
-from symfive.campaign import write_campaign
-from symfive.machine import preset
-from symfive.procedures import campaign_of, r_test_grid
-
-
-@pytest.fixture
-def symfive(capsys):
-    def run(*words: object) -> Answer:
-        capsys.readouterr()
-        code = cli.main([str(word) for word in words])
-        said = capsys.readouterr()
-        return Answer(code, said.out, said.err)
-
-    return run
-
-
-@pytest.fixture(scope="module")
-def fitted(tmp_path_factory) -> Path:
-    """Results of one identification with figures."""
-    folder = tmp_path_factory.mktemp("cli") / "results"
-    assert cli.main(["identify", str(NESTS), "-o", str(folder), "-q"]) == 0
-    return folder
-
-
-@pytest.fixture
-def small_plan(tmp_path) -> Path:
-    """A plan of few poses, without readings."""
-    machine = preset("oyama-2010")
-    write_campaign(campaign_of(machine, r_test_grid(machine, step_deg=90.0)), tmp_path / "plan")
-    return tmp_path / "plan"
+symfive, fitted, small_plan = test_cli.symfive, test_cli.fitted, test_cli.small_plan  # fixtures
 
 
 @pytest.fixture

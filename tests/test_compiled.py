@@ -14,15 +14,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import casadi as ca
+import compiled_world
 import numpy as np
 import pytest
 from compiled_world import (
     HELD,
     POINTS,
     SWITCH,
-    at_once,
     fake,
-    forget,
     interpreted,
     needs_compiler,
     same,
@@ -34,15 +33,7 @@ from symfive.machine import preset
 from symfive.model import Model
 from symfive.procedures import campaign_of, r_test_grid
 
-
-@pytest.fixture(autouse=True)
-def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    return forget(monkeypatch, tmp_path)
-
-
-@pytest.fixture
-def eager(monkeypatch: pytest.MonkeyPatch) -> None:
-    at_once(monkeypatch)
+cache, eager = compiled_world.cache, compiled_world.eager  # fixtures
 
 
 def files(folder: Path) -> list[Path]:

@@ -8,15 +8,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import casadi as ca
+import compiled_world
 import numpy as np
 import pytest
 from compiled_world import (
     HELD,
     POINTS,
     SWITCH,
-    at_once,
     fake,
-    forget,
     interpreted,
     needs_compiler,
     same,
@@ -38,14 +37,7 @@ from symfive.procedures import campaign_of, r_test_grid
 CAMPAIGNS = Path(__file__).parent / "data" / "campaigns"
 
 
-@pytest.fixture(autouse=True)
-def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    return forget(monkeypatch, tmp_path)
-
-
-@pytest.fixture
-def eager(monkeypatch: pytest.MonkeyPatch) -> None:
-    at_once(monkeypatch)
+cache, eager = compiled_world.cache, compiled_world.eager  # fixtures
 
 
 def by_columns(function: ca.Function, held: tuple[int, ...], *inputs: np.ndarray) -> list[np.ndarray] | None:

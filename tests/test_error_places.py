@@ -4,23 +4,16 @@ import copy
 from pathlib import Path
 
 import pytest
+import test_bad_input
 import tomlkit
-from test_bad_input import CAMPAIGN, MACHINE, ROWS
+from test_bad_input import CAMPAIGN, MACHINE
 
 from symfive.campaign import read_campaign
 from symfive.errors import InputError
 from symfive.machine import read_machine
 from symfive.toml_files import parse_toml, toml_text
 
-
-@pytest.fixture(scope="module")
-def campaign_folder(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("campaign")
-    (folder / "machine.toml").write_text(toml_text(MACHINE))
-    (folder / "campaign.toml").write_text(toml_text(CAMPAIGN))
-    for run in CAMPAIGN["run"]:
-        (folder / run["file"]).write_text(ROWS)
-    return folder
+campaign_folder = test_bad_input.campaign_folder  # a fixture
 
 
 @pytest.mark.parametrize(
