@@ -15,7 +15,7 @@ from symfive.diagnose._intervals import direction_of, intervals_of
 from symfive.diagnose._locate import Location
 from symfive.diagnose._result import Finding, RivalName, mean_square
 from symfive.diagnose._words import sentence_of
-from symfive.effects import Effect
+from symfive.effects import Effect, Quantity
 from symfive.identify import Identification, identify
 from symfive.model import Model
 from symfive.posterior import (
@@ -212,9 +212,13 @@ def _finding(
         if chance > LISTED and who != first
     ]
     alias = dict.fromkeys(terms[t].effect.key for t in (*verdict.alias, *_other_forms(posterior, verdict.term)))
+
+    def sizes(one: Effect) -> Mapping[str, Quantity]:
+        return one.describe(campaign, after.named, _covariance(after, one))
+
     draft = Finding(
         effect=effect, name=name, axis=axis, confidence=min(max(v.probability for v in cause.verdicts), 0.999),
-        parameters=effect.describe(campaign, after.named, _covariance(after, effect)),
+        parameters=sizes(effect),
         rivals=tuple(sorted(rivals, key=lambda r: -r.confidence)),
         runs=cause.runs,
         coordinate=", ".join(cause.coordinates), intervals=intervals_of(campaign, cause.contribution),
@@ -223,8 +227,8 @@ def _finding(
         contribution=cause.contribution,
         visible=next((o.visible for o in location.observability if o.form == effect.key), 1.0),
         alias=tuple(alias), by_experience=verdict.by_experience, sigmas=_sigmas_from_nothing(after, effect),
-        further=tuple((e, e.describe(campaign, after.named, _covariance(after, e))) for e in cause.effects[1:]),
-        discrepancies=tuple((e, e.describe(campaign, after.named, _covariance(after, e))) for e in cause.discrepancies),
+        further=tuple((e, sizes(e)) for e in cause.effects[1:]),
+        discrepancies=tuple((e, sizes(e)) for e in cause.discrepancies),
     )  # fmt: skip
     test = asked(posterior, here, verdict)
     says = sentence_of(draft, after)

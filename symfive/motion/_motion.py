@@ -221,18 +221,14 @@ class RunMotion:
         time, tau = self.run.time - self.run.time[0], self.values[name]
         steps, moving = np.diff(time), self.run.options.get("start") == "moving"
 
-        def split(column: Array) -> tuple[Array, float]:
+        def follow(column: Array) -> tuple[Array, Array]:
             speed = float(column[1] - column[0]) / float(steps[0]) if moving else 0.0
-            return column - column[0] - speed * time, speed
+            rest = column - column[0] - speed * time
+            lagged = first_order(rest, steps, tau)
+            return column - rest + lagged - tau * speed, first_order_slope(rest, lagged, steps, tau) - speed
 
-        def follow(column: Array) -> Array:
-            rest, speed = split(column)
-            return np.asarray(column - rest + first_order(rest, steps, tau) - tau * speed)
-
-        rest, speed = split(command.value)
-        late = first_order_slope(rest, first_order(rest, steps, tau), steps, tau) - speed
-        followed = command.through(follow)
-        return Series(followed.value, {**followed.tangents, name: late})
+        position, late = follow(command.value)
+        return Series(position, {n: follow(slope)[0] for n, slope in command.tangents.items()} | {name: late})
 
     def _rate(self, column: Array) -> Array:
         return np.asarray(np.gradient(column, self.run.time))
