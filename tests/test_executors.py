@@ -148,11 +148,19 @@ def test_processes_end_with_a_parent_that_is_killed(tmp_path: Path) -> None:
     (tmp_path / "parent.py").write_text(code)
     marks = tmp_path / "marks"
     marks.mkdir()
-    parent = subprocess.Popen([sys.executable, tmp_path / "parent.py", Path(__file__).parent, marks])
-    [mark] = _until(lambda: list(marks.iterdir()), 60.0)
-    parent.kill()
-    parent.wait()
+    with ended(subprocess.Popen([sys.executable, tmp_path / "parent.py", Path(__file__).parent, marks])):
+        [mark] = _until(lambda: list(marks.iterdir()), 60.0)
     _until(lambda: not Path(f"/proc/{mark.name.split('-')[1]}").exists(), 10.0)
+
+
+@contextmanager
+def ended(process: subprocess.Popen[bytes]) -> Iterator[subprocess.Popen[bytes]]:
+    """A process that is killed where the block ends, also by a failure: no other test hears of it."""
+    with process:
+        try:
+            yield process
+        finally:
+            process.kill()
 
 
 def _until(ask: Any, seconds: float) -> Any:
@@ -230,14 +238,13 @@ def test_a_lost_scheduler_is_one_sentence(tmp_path: Path) -> None:
     pytest.importorskip("distributed", reason="the extra dask is not installed")
     file = tmp_path / "scheduler.json"
     words = ("-m", "dask", "scheduler", "--port", "0", "--no-dashboard", "--scheduler-file", str(file))
-    scheduler = subprocess.Popen([sys.executable, *words], stderr=subprocess.DEVNULL)
-    _until(file.is_file, 60.0)
-    with connect(json.loads(file.read_text())["address"]) as pool:
-        outcomes = finished(pool, os.getpid, [(), ()])  # they wait: there is no worker
-        threading.Timer(0.5, scheduler.kill).start()
-        with pytest.raises(InputError, match="scheduler is gone; start it again and repeat the command"):
-            next(outcomes)
-    scheduler.wait()
+    with ended(subprocess.Popen([sys.executable, *words], stderr=subprocess.DEVNULL)) as scheduler:
+        said = _until(lambda: file.is_file() and file.read_text(), 60.0)  # the file is there before its words are
+        with connect(json.loads(said)["address"]) as pool:
+            outcomes = finished(pool, os.getpid, [(), ()])  # they wait: there is no worker
+            threading.Timer(0.5, scheduler.kill).start()
+            with pytest.raises(InputError, match="scheduler is gone; start it again and repeat the command"):
+                next(outcomes)
 
 
 @pytest.mark.slow
