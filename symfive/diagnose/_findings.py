@@ -25,6 +25,7 @@ from symfive.posterior import (
     Posterior,
     Subset,
     Verdict,
+    laws_apart,
     log_evidence,
     refitted,
     solution,
@@ -95,8 +96,8 @@ def findings_of(
     verdicts that share a run are one finding.
     """
     causes = _causes(posterior, here, verdicts)
-    shares = _shares(here, before, [cause.keys for cause in causes])
-    found = [_finding(posterior, here, cause, location, *shares[cause.keys]) for cause in causes]
+    shares, stated = _shares(here, before, [cause.keys for cause in causes]), laws_apart(here)
+    found = [_finding(posterior, here, stated, cause, location, *shares[cause.keys]) for cause in causes]
     return tuple(sorted(found, key=lambda finding: finding.log_p))
 
 
@@ -199,8 +200,15 @@ def _shares(
 
 
 def _finding(
-    posterior: Posterior, here: Expansion, cause: _Cause, location: Location, share: float, without: Identification
+    posterior: Posterior,
+    here: Expansion,
+    stated: Identification,
+    cause: _Cause,
+    location: Location,
+    share: float,
+    without: Identification,
 ) -> Finding:
+    """`stated`: the fit `here` with each law apart from its discrepancy."""
     moments, after, campaign = posterior.moments, here.fit, here.fit.model.campaign
     verdict, effect, terms = cause.verdicts[0], cause.effects[0], moments.terms
     first = verdict.names[0] if verdict.names else ("unknown", None)
@@ -214,7 +222,7 @@ def _finding(
     alias = dict.fromkeys(terms[t].effect.key for t in (*verdict.alias, *_other_forms(posterior, verdict.term)))
 
     def sizes(one: Effect) -> Mapping[str, Quantity]:
-        return one.describe(campaign, after.named, _covariance(after, one))
+        return one.describe(campaign, stated.named, _covariance(stated, one))
 
     draft = Finding(
         effect=effect, name=name, axis=axis, confidence=min(max(v.probability for v in cause.verdicts), 0.999),
@@ -222,11 +230,11 @@ def _finding(
         rivals=tuple(sorted(rivals, key=lambda r: -r.confidence)),
         runs=cause.runs,
         coordinate=", ".join(cause.coordinates), intervals=intervals_of(campaign, cause.contribution),
-        direction=None if cause.effects[1:] else direction_of(after.model.machine, effect, after.named), says="",
+        direction=None if cause.effects[1:] else direction_of(after.model.machine, effect, stated.named), says="",
         log_p=min(_log_nothing(posterior, v.term) for v in cause.verdicts), share=share, moved=moved(without, after),
         contribution=cause.contribution,
         visible=next((o.visible for o in location.observability if o.form == effect.key), 1.0),
-        alias=tuple(alias), by_experience=verdict.by_experience, sigmas=_sigmas_from_nothing(after, effect),
+        alias=tuple(alias), by_experience=verdict.by_experience, sigmas=_sigmas_from_nothing(stated, effect),
         further=tuple((e, sizes(e)) for e in cause.effects[1:]),
         discrepancies=tuple((e, sizes(e)) for e in cause.discrepancies),
     )  # fmt: skip

@@ -10,11 +10,12 @@ verdicts  = verdicts_on(posterior)        both, until all that stays unidentifie
 """
 
 from symfive.posterior._about import moments_about
+from symfive.posterior._apart import laws_apart
 from symfive.posterior._coarse import coarsened, contradicted, misfit
 from symfive.posterior._decide import SAME, Verdict, decide, verdicts_on
 from symfive.posterior._evidence import log_evidence, solution
 from symfive.posterior._explore import Posterior, Subset, explore
-from symfive.posterior._fit import Expansion, baseline, fitted, linear_estimate, over_all, refitted
+from symfive.posterior._fit import WHITE, Expansion, baseline, fitted, linear_estimate, over_all, refitted
 from symfive.posterior._moments import Moments, moments_of
 from symfive.posterior._noise import grams, nodes_of
 from symfive.posterior._polish import expanded, polish
@@ -22,8 +23,8 @@ from symfive.posterior._sweep import WIDTHS, Sweep, log_width, nearest_width, wi
 from symfive.posterior._terms import EXPECTED, Candidates, Name, Term, candidates, name_of
 
 __all__ = [
-    "EXPECTED", "SAME", "WIDTHS", "Candidates", "Expansion", "Moments", "Name", "Posterior", "Subset", "Sweep", "Term",
+    "EXPECTED", "SAME", "WHITE", "WIDTHS", "Candidates", "Expansion", "Moments", "Name", "Posterior", "Subset", "Sweep", "Term",
     "Verdict", "baseline", "candidates", "coarsened", "contradicted", "decide", "expanded", "explore", "fitted", "grams",
-    "linear_estimate", "log_evidence", "log_width", "misfit", "moments_about", "moments_of", "name_of", "nearest_width",
-    "nodes_of", "over_all", "polish", "refitted", "solution", "verdicts_on", "widths_of",
+    "laws_apart", "linear_estimate", "log_evidence", "log_width", "misfit", "moments_about", "moments_of", "name_of",
+    "nearest_width", "nodes_of", "over_all", "polish", "refitted", "solution", "verdicts_on", "widths_of",
 ]  # fmt: skip

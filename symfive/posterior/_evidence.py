@@ -63,11 +63,12 @@ class LogEvidence:
 
 @dataclass(frozen=True)
 class Equations:
-    """The normal equations of a subset in every node: `h` (J, n, n), `g` (J, n), `q` (J,), `d` (n,), `columns` and `scale` (n,),
-    and the weights of the columns `aim` that make the residual less the exact contributions of terms that are held."""
+    """The normal equations of a subset in every node: `h` (J, n, n), `g` (J, n), `q` (J,), `d` (n,), of unknowns each of which is
+    the `columns` (n,) of the moments times its own column of `turn` (n, n), and the weights of the columns `aim` that make the
+    residual less the exact contributions of terms that are held."""
 
     columns: Indices
-    scale: Array
+    turn: Array
     d: Array
     h: Array
     g: Array
@@ -85,11 +86,13 @@ class Equations:
     def at(self, node: int, kappa2: float) -> Array:
         """x (n,) in one node, in units of the usual prior."""
         a = self.h[node] / kappa2 + np.eye(len(self.d))
-        return np.asarray(np.linalg.solve(a, self.g[node] / kappa2 - self.d) * self.scale)
+        return np.asarray(self.turn @ np.linalg.solve(a, self.g[node] / kappa2 - self.d))
 
 
 def equations(moments: Moments, members: Iterable[Selected], blocks: Blocks = ()) -> Equations:
-    """Of one subset, with the discrepancies `blocks` of its terms."""
+    """Of one subset, with the discrepancies `blocks` of its terms, orthogonal to these: by what its best amplitudes explain a law
+    is not off (M. Plumlee 2017)."""
+    members = tuple(members)
     target = np.zeros(moments.size)
     target[-1] = 1.0
     columns, scale, departure = [np.zeros(0, dtype=np.int64)], [np.zeros(0)], [np.zeros(0)]
@@ -111,7 +114,24 @@ def equations(moments: Moments, members: Iterable[Selected], blocks: Blocks = ()
     h = np.stack([gram.take(place) * size for gram in moments.gram])
     g = moments.gram[:, where[:, None], aim] @ target[aim] * w
     q = moments.gram[:, aim[:, None], aim] @ target[aim] @ target[aim]
-    return Equations(where, w, d, h, g, q, aim, target[aim])
+    if not blocks:
+        return Equations(where, np.diag(w), d, h, g, q, aim, target[aim])
+    apart = _apart(moments, members, blocks, h[0])
+    return Equations(where, w[:, None] * apart, d, apart.T @ h @ apart, g @ apart, q, aim, target[aim])
+
+
+def _apart(moments: Moments, members: Sequence[Selected], blocks: Blocks, h: Array) -> Array:
+    """The matrix (n, n) that takes from the columns of each discrepancy what those of the amplitudes of its laws hold of them, by
+    the normal equations `h` (n, n) of white noise, without set-up and geometry."""
+    sizes = [moments.columns[number].amplitude for number, _ in members]
+    laws = np.repeat([moments.blocks[number] for number, _ in members], [len(own) for own in sizes])
+    first, found = len(laws), np.eye(len(h))
+    for number, _ in blocks:
+        own = np.flatnonzero(np.concatenate(sizes) & (laws == number))
+        last = first + len(moments.columns[number].where)
+        found[own, first:last] = -np.linalg.lstsq(h[np.ix_(own, own)], h[own, first:last], rcond=None)[0]
+        first = last
+    return found
 
 
 def beside(
@@ -123,7 +143,7 @@ def beside(
     x = np.linalg.solve(s.h + kappa2 * np.eye(len(s.d)), s.g[:, :, None])[:, :, 0]
     left = s.q + np.einsum("ji,jik,jk->j", x, s.h, x) - 2.0 * np.sum(x * s.g, axis=1)
     if moments.rows is not None:  # there are fewer of them than columns
-        own, others = moments.rows[:, :, s.columns] * (s.scale / kappa2**0.5), moments.rows[:, :, columns]
+        own, others = moments.rows[:, :, s.columns] @ (s.turn / kappa2**0.5), moments.rows[:, :, columns]
         rows = np.concatenate([own, others, (moments.rows[:, :, s.aim] @ s.weights)[:, :, None]], axis=2)
         rows, _ = eliminated_rows(rows, len(s.columns), np.zeros(len(s.columns)))
         power, axes = np.linalg.eigh(rows[:, :, :-1] @ np.swapaxes(rows[:, :, :-1], 1, 2))
@@ -131,7 +151,7 @@ def beside(
         return power, np.sqrt(power) * np.einsum("jni,jn->ji", axes, rows[:, :, -1]), left
     h = moments.gram[:, columns[:, None], columns]
     g = moments.gram[:, columns[:, None], s.aim] @ s.weights
-    cross = moments.gram[:, s.columns[:, None], columns] * s.scale[:, None]
+    cross = s.turn.T @ moments.gram[:, s.columns[:, None], columns]
     taken = np.linalg.solve(s.h + kappa2 * np.eye(len(s.d)), cross)
     power, axes = np.linalg.eigh(h - np.swapaxes(cross, 1, 2) @ taken)
     slope = np.einsum("jki,jk->ji", axes, g - np.einsum("jik,ji->jk", cross, x))

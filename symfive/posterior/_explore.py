@@ -11,6 +11,7 @@ import numpy as np
 from symfive.arrays import Array
 from symfive.posterior._evidence import Blocks, Selected, discrepancies, equations, evidence_of, log_evidence
 from symfive.posterior._moments import Moments
+from symfive.posterior._noise import NEGLIGIBLE
 from symfive.posterior._sweep import WIDTHS, Sweep, log_width, nearest_width, widths_of
 from symfive.posterior._terms import Name, complete
 
@@ -168,7 +169,7 @@ def marginal_evidence(moments: Moments, subset: Subset) -> tuple[float, Blocks]:
     if not blocks:
         return plain.total, ()
     other = log_evidence(moments, subset, blocks).total
-    return float(np.logaddexp(plain.total, other) - np.log(2.0)), blocks if other > plain.total else ()
+    return float(np.logaddexp(plain.total, other) - np.log(2.0)), blocks if other > plain.total + NEGLIGIBLE else ()
 
 
 def explore(moments: Moments, start: Sequence[int] = (), *, named: bool = False) -> Posterior:

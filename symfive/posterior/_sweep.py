@@ -106,7 +106,7 @@ class Sweep:
         """Some terms of as many columns in every node, one node after the other, where the subset alone leaves noise of such
         `scales` κ² (J,)."""
         gram, exact, where, s = self.moments.gram, own.exact, own.where, self.equations
-        axes = s.scale[:, None] * self.turned.axes
+        axes = s.turn @ self.turned.axes
         q, g = np.repeat(s.q[:, None], len(exact), axis=1), self.slope[:, where]
         power, d, base = (
             np.repeat(part[:, None], len(exact), axis=1) for part in (self.turned.power, self.turned.d, self.turned.g)
