@@ -8,7 +8,7 @@ best is chosen *by that part*, which favours the rival.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -54,6 +54,7 @@ def best_rival(fit: Identification, campaign: Campaign, split: Split, unit: str)
     left = dict.fromkeys(RIVALS, 0.0)
     count = 0
     problem = Problem.of(model)
+    set_up = [run.id for run in campaign.runs if any(map(run.owns, model.parameters))]
     names: dict[str, list[tuple[Run, int]]] = {}
     for run in campaign.runs:
         columns = model.columns(run)
@@ -63,19 +64,21 @@ def best_rival(fit: Identification, campaign: Campaign, split: Split, unit: str)
                     names.setdefault(columns[k].name, []).append((run, k))
     for each in names.values():
         known = _rows(campaign, fit.residuals, [(run, k) for run, k in each if split.learn(run).any()])
-        asked = _rows(campaign, residual, [(run, k) for run, k in each if not split.learn(run).any()])
+        others = [(run, k) for run, k in each if not split.learn(run).any()]
+        asked = _rows(campaign, residual, others)
+        zeros = [number for number, (run, _) in enumerate(others) if run.id in set_up]
         count += len(asked.left)
         for name, regression in RIVALS.items():
             rest = asked.left if not len(known.left) else asked.left - _predicted(regression, known, asked)
-            left[name] += float(np.sum(_less_zero(rest, asked.run) ** 2))
+            left[name] += float(np.sum(_less_zeros(rest, asked.run, zeros) ** 2))
     best = min(left, key=lambda name: left[name])
     return best, float(np.sqrt(left[best] / max(count, 1)))
 
 
-def _less_zero(values: Array, run: NDArray[np.int64]) -> Array:
-    """Less the mean of each run, since every held-out run has a zero of its own."""
+def _less_zeros(values: Array, run: NDArray[np.int64], zeros: Sequence[int]) -> Array:
+    """Less the mean of each of some runs: those to which the model also gives a set-up of their own; a drive's force has none."""
     out = values.copy()
-    for number in np.unique(run):
+    for number in zeros:
         out[run == number] -= out[run == number].mean()
     return out
 
