@@ -27,15 +27,19 @@ LOOP = {"position_gain": 1.0 / LAG_S, "velocity_gain": 5e3, "integral_time": 1.0
 
 
 def circles(
-    folder: Path, slow: Sequence[str] = (), effects: Sequence[dict[str, Any]] = (), instrument: str = "ball_bar"
+    folder: Path,
+    slow: Sequence[str] = (),
+    effects: Sequence[dict[str, Any]] = (),
+    instrument: str = "ball_bar",
+    lag: float = LAG_S,
 ) -> Campaign:
     """Circles both ways at two feeds by the independent plant, read with a machine file that states no drive: the axes `slow`
-    follow late, the others exactly."""
+    follow late by `lag` s, the others exactly."""
     machine = plant.planar_table()
     for name, axis in machine["axes"].items():
         axis.pop("drive", None)
         if name in slow:
-            axis["drive"] = LOOP
+            axis["drive"] = LOOP | {"position_gain": 1.0 / lag}
     path = {"sweep_deg": 360.0, "centre": (20.0, -10.0, 80.0), "instrument": instrument, "dt": 0.04}
     runs = [
         plant.planar_circle(machine, f"{name}-{feed:.0f}", feed=feed, direction=sign, **path)
@@ -99,6 +103,19 @@ def test_a_concealed_loop_is_named_with_its_gain(tmp_path: Path) -> None:
     assert isinstance(gain.value, float) and isinstance(gain.std, float)
     assert abs(gain.value - 1.0 / LAG_S) < 0.02 / LAG_S
     assert found.fit.rms_after_um < 0.02 * found.fit.rms_before_um
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("late", ["X", "Y"])
+def test_with_a_clock_of_each_recording_the_late_axis_is_named_and_not_the_other_one_as_early(
+    tmp_path, late: str
+) -> None:
+    """A polar trace does not say when its circle began: X late by 0.3 ms was Y early by as much, which no lag is."""
+    read = circles(tmp_path, slow=[late], lag=3e-4)
+    runs = tuple(replace(run, options={**run.options, "clock_sigma_ms": 50.0}) for run in read.runs[:2])
+    (finding,) = diagnose(replace(read, runs=runs)).findings
+    assert (finding.name, finding.axis, finding.confidence > 0.9) == ("servo_mismatch", late, True)
+    assert finding.parameters["lag_ms"].value == pytest.approx(0.3, abs=0.02)
 
 
 @pytest.mark.slow

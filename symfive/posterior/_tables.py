@@ -125,6 +125,8 @@ class Tables:
         self._started = {p.name for effect in starting for p in starts_of(effect, campaign)}
         self._held_starts = {p.name for effect in held for p in starts_of(effect, campaign)}
         own = {p.name for effect in held for p in effect.parameters(campaign)}
+        # a fit that ends at a bound would go on: there is no slope beyond it
+        self._stopped = {p.name for p in fit.parameters if p.name in own and not p.lower < fit[p.name] < p.upper}
         kept = [p for p in fit.parameters if p.run is None and p.name not in own]
         self.geometry = len(kept)
         self.departure = np.array([(fit[p.name] - p.mean) / p.sigma for p in kept])
@@ -267,7 +269,7 @@ class Tables:
     def _taken(self, model: Model, name: str) -> bool:
         """Whether a parameter's column comes from this of the models."""
         if name in self.fit.model.index:
-            return model is self._models[0]
+            return model is self._models[0] and name not in self._stopped
         return (model is self._models[-1]) == (name in self._started) if self._started else True
 
     def _tangent(self, line: Linearisation, effect: Effect) -> Array:
@@ -275,7 +277,7 @@ class Tables:
         place = {self.fit.parameters[number].name: k for k, number in enumerate(line.columns)}
         total = np.zeros(line.prediction.shape)
         for p in effect.amplitudes(self.fit.model.campaign):
-            if p.name in place:
+            if p.name in place and p.name not in self._stopped:
                 total += line.jacobian[:, :, place[p.name]] * (self.fit[p.name] - p.mean)
         return total
 
