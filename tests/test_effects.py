@@ -29,7 +29,7 @@ from symfive.effects import EFFECTS, make_effect
 from symfive.errors import InputError
 from symfive.machine import Machine, Structure, machine_from_data, make_axis
 from symfive.model import Model, signature
-from symfive.motion import PreSliding, RunMotion
+from symfive.motion import PreSliding, ReversalDistance, ReversalTime, RunMotion
 
 
 @every_case
@@ -188,6 +188,22 @@ def test_pre_sliding_after_a_reversal_is_the_catalogue_s_formula() -> None:
     after = 5.0 - way[60:]
     np.testing.assert_allclose(state[:60], 1.0)
     np.testing.assert_allclose(state[60:], -(1.0 - 2.0 * np.exp(-after / 0.2)), atol=1e-12)
+
+
+def test_a_recording_that_begins_in_motion_knows_where_its_axis_turned_just_before() -> None:
+    """A polar trace begins where the axis has just turned: the first spike of its circle was there without a cause."""
+    plan = campaign("planar")
+    time = 0.02 * np.arange(400.0)
+    way = {name: np.zeros(len(time)) for name in plan.machine.axis_names}
+    way |= {"X": 50.0 * np.cos(0.4 * time), "Y": 50.0 * np.sin(0.4 * time)}
+    whole = replace(plan.runs[0], time=time, commands=way, options={**plan.runs[0].options, "start": "moving"})
+    before = replace(whole, time=time - 1.0, commands=way | {"X": 50.0 * np.cos(0.4 * (time - 1.0))})
+    late = replace(whole, time=time, commands=way | {"X": 50.0 * np.cos(0.4 * (time + 0.1))})
+    for signal in (ReversalTime("X"), ReversalDistance("X")):
+        known = signal.series(RunMotion(before, plan.machine, {}, {})).value
+        np.testing.assert_allclose(signal.series(RunMotion(late, plan.machine, {}, {})).value[:100], known[55:155], atol=2e-4)
+    still = replace(late, options={**late.options, "start": "rest"})
+    assert ReversalTime("X").series(RunMotion(still, plan.machine, {}, {})).value[0] > 1e3
 
 
 REFUSED = [

@@ -320,6 +320,17 @@ class RunMotion:
         known = stride * np.arange(LEAD_ROWS)
         return np.asarray(np.polynomial.Polynomial.fit(known, command[known], LEAD_ROWS - 1)(np.arange(-count, 0)))
 
+    def led(self, name: str) -> tuple[Array, Series, int]:
+        """Instants, s, and positions of an axis with the motion before the first row, where the recording begins in motion, and
+        how many rows that is: an axis may have turned just before."""
+        position, interval = self.axis(name).position, self.run.interval
+        if self.recorded(name) is not None or self.run.steps[:LEAD_ROWS][-1] != LEAD_ROWS - 1:
+            return self.run.time, position, 0
+        first = len(self._lead(position.value))
+        before = self.run.time[0] - interval * np.arange(first, 0, -1)
+        led = position.through(lambda column: np.concatenate([self._lead(column), column]))
+        return np.concatenate([before, self.run.time]), led, first
+
     def fine_acceleration(self, name: str, interval: float) -> tuple[Series, Indices, float]:
         """Acceleration of an axis at a constant interval of at most `interval` s: (series, indices of the rows,
         interval)."""

@@ -134,7 +134,7 @@ class ReversalDistance(_OfAxis):
     """Distance from the last reversal |q - q_r|, mm or rad, by which pre-sliding and creep effects fade."""
 
     def series(self, motion: RunMotion) -> Series:
-        position = motion.axis(self.axis).position
+        _, position, first = motion.led(self.axis)
         direction = approach(position.value)
         turned = np.flatnonzero(np.diff(direction) != 0.0)
         origin = np.full(len(direction), -1)
@@ -142,8 +142,8 @@ class ReversalDistance(_OfAxis):
         origin = np.maximum.accumulate(origin)
         since = position.through(lambda column: column - column[np.maximum(origin, 0)])
         away = np.where(origin < 0, 0.0, np.sign(since.value))
-        tangents = {name: away * slope for name, slope in since.tangents.items()}
-        return Series(np.where(origin < 0, FAR, np.abs(since.value)), tangents, steps=True)
+        tangents = {name: (away * slope)[first:] for name, slope in since.tangents.items()}
+        return Series(np.where(origin < 0, FAR, np.abs(since.value))[first:], tangents, steps=True)
 
 
 def _reversals(time: Array, position: Series) -> list[tuple[float, dict[str, float], float]]:
@@ -171,15 +171,15 @@ class ReversalTime(_OfAxis):
     """
 
     def series(self, motion: RunMotion) -> Series:
-        time, position = motion.run.time, motion.axis(self.axis).position
-        since = np.full(motion.run.rows, LONG_AGO_S)
-        tangents = {name: np.zeros(motion.run.rows) for name in position.tangents}
+        time, position, first = motion.led(self.axis)
+        since = np.full(len(time), LONG_AGO_S)
+        tangents = {name: np.zeros(len(time)) for name in position.tangents}
         for at, slopes, direction in _reversals(time, position):
             after = time >= at
             since[after] = direction * np.maximum(time[after] - at, 1e-9)
             for name, tangent in tangents.items():
                 tangent[after] = -direction * slopes.get(name, 0.0)
-        return Series(since, tangents, steps=True)
+        return Series(since[first:], {name: tangent[first:] for name, tangent in tangents.items()}, steps=True)
 
 
 class ReversalAhead(_OfAxis):
