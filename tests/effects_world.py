@@ -177,6 +177,7 @@ CASES = [
          {"effect": "inertial_compliance", "axis": "X", "direction": SLANTED, "compliance": 50.0},
          {f"{c}.P1": 50.0 * d for c, d in zip("xyz", SLANTED, strict=True)}),
     Case("reversal_spike", "planar", "X"),
+    Case("reversal_spike", "planar", "X", {"shape": "stick"}),
     Case("reversal_spike", "planar", "X", {"shape": "pulse"},
          {"effect": "reversal_pulse", "amplitude": 6.0, "delay_ms": 120.0, "width_ms": 60.0},
          {"height": 6.0, "delay_ms": 120.0, "width_ms": 60.0}, rows=0.1),

@@ -201,7 +201,9 @@ def test_a_recording_that_begins_in_motion_knows_where_its_axis_turned_just_befo
     late = replace(whole, time=time, commands=way | {"X": 50.0 * np.cos(0.4 * (time + 0.1))})
     for signal in (ReversalTime("X"), ReversalDistance("X")):
         known = signal.series(RunMotion(before, plan.machine, {}, {})).value
-        np.testing.assert_allclose(signal.series(RunMotion(late, plan.machine, {}, {})).value[:100], known[55:155], atol=2e-4)
+        np.testing.assert_allclose(
+            signal.series(RunMotion(late, plan.machine, {}, {})).value[:100], known[55:155], atol=2e-4
+        )
     still = replace(late, options={**late.options, "start": "rest"})
     assert ReversalTime("X").series(RunMotion(still, plan.machine, {}, {})).value[0] > 1e3
 

@@ -8,12 +8,12 @@ import casadi as ca
 
 from symfive.effects._base import Effect
 from symfive.effects._form import Form, Forms, reversing
-from symfive.motion import ReversalAhead, ReversalTime, Signal
+from symfive.motion import ReversalAhead, ReversalDistance, ReversalTime, Signal
 from symfive.parameters import Parameter
 from symfive.row import Row
 from symfive.runs import Campaign
 
-SHAPES = ("lag", "pulse")
+SHAPES = ("lag", "pulse", "stick")
 TIMES_MS = (20.0, 60.0, 180.0)
 """Usual times, half a decade apart."""
 
@@ -24,7 +24,8 @@ class ReversalSpike(Effect):
 
     `shape`: `lag`, q → q - height·s·(t/τ)·exp(1 - t/τ): it hangs back, most at τ = `duration_ms`; `pulse`, q
     → q - height·s·exp(-((t - delay)/width)²), which may begin before the axis turns: with height < 0 the pulse of a
-    friction compensation that comes too late.
+    friction compensation that comes too late; `stick`, q → q - s·min(path since the reversal, height·exp(-t/τ)): it stands still
+    where it turned, breaks away, and recovers with τ = `duration_ms`, as a position loop does.
     Inside the loop friction makes such a spike by itself (`friction`); this one is only its shape. Typical
     1–15 µm, 20–200 ms.
     """
@@ -45,18 +46,20 @@ class ReversalSpike(Effect):
     def candidates(cls, campaign: Campaign) -> Forms:
         """Looked at about several times after the reversal: readings are linear in the height only."""
         for axis in reversing(campaign):
-            lag, pulse = (cls(axis=axis, shape=shape) for shape in SHAPES)
-            yield Form(effect=lag, shapes=(pulse,))
+            lag, pulse, stick = (cls(axis=axis, shape=shape) for shape in SHAPES)
+            yield Form(effect=lag, shapes=(pulse, stick))
             for time in TIMES_MS:
-                yield Form(effect=lag, shapes=(pulse,), at={f"{lag.key}.duration_ms": time})
-                yield Form(
-                    effect=pulse, shapes=(lag,), at={f"{pulse.key}.delay_ms": time, f"{pulse.key}.width_ms": time}
-                )
+                lasts = {f"{lag.key}.duration_ms": time}
+                yield Form(effect=lag, shapes=(pulse, stick), at=lasts)
+                yield Form(effect=stick, shapes=(lag, pulse), at=lasts)
+                late = {f"{pulse.key}.delay_ms": time, f"{pulse.key}.width_ms": time}
+                yield Form(effect=pulse, shapes=(lag, stick), at=late)
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         axis = self.its_axis(campaign)
-        height = self.own("height", axis.error_unit, 50.0 if axis.rotary else 5.0)
-        if self.shape == "lag":
+        most = {"lower": 0.0, "start": 0.5} if self.shape == "stick" else {}
+        height = self.own("height", axis.error_unit, 50.0 if axis.rotary else 5.0, **most)
+        if self.shape != "pulse":
             return (height, self.own("duration_ms", "ms", 60.0, mean=60.0, lower=1.0))
         return (
             height,
@@ -65,15 +68,20 @@ class ReversalSpike(Effect):
         )
 
     def signals(self) -> tuple[Signal, ...]:
-        since = ReversalTime(str(self.axis))
-        return (since,) if self.shape == "lag" else (since, ReversalAhead(str(self.axis)))
+        found: list[Signal] = [ReversalTime(str(self.axis))]
+        if self.shape != "lag":
+            found.append((ReversalAhead if self.shape == "pulse" else ReversalDistance)(str(self.axis)))
+        return tuple(found)
 
     def apply(self, row: Row) -> None:
         height, axis = self.parameter(row, "height"), str(self.axis)
         since = row.signal(ReversalTime(axis))
-        if self.shape == "lag":
+        if self.shape != "pulse":
             part = ca.fabs(since) / self.parameter(row, "duration_ms")
-            row.axis[axis] -= height * ca.sign(since) * part * ca.exp(1.0 - part)
+            late = height * part * ca.exp(1.0 - part)
+            if self.shape == "stick":
+                late = ca.fmin(row.signal(ReversalDistance(axis)), height * ca.exp(-part))
+            row.axis[axis] -= ca.sign(since) * late
             return
         delay, width = self.parameter(row, "delay_ms"), self.parameter(row, "width_ms")
         until = row.signal(ReversalAhead(axis))

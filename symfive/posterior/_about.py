@@ -28,7 +28,7 @@ def moments_about(here: Expansion, candidates: Candidates) -> Moments:
 
 def _alike(here: Expansion, candidates: Candidates) -> Iterator[Form]:
     """Shapes of the forms that follow the same function of the motion as what the fit holds, about the place that it has there:
-    a contact that creeps may be that of another direction."""
+    a contact that creeps may be that of another direction instead."""
     campaign = here.fit.model.campaign
     for effect in (form.effect for form in here.held):
         for form in candidates.forms:
@@ -37,7 +37,7 @@ def _alike(here: Expansion, candidates: Candidates) -> Iterator[Form]:
                 sizes = {p.name for p in shape.amplitudes(campaign)}
                 known = {name: here.fit[held] for name, held in at.items() if held in here.fit.model.index}
                 if known and not sizes & set(known):
-                    yield replace(form, effect=shape, shapes=(), at=shape.typical(campaign) | known)
+                    yield replace(form, effect=shape, shapes=(), at=shape.typical(campaign) | known, instead=effect.key)
 
 
 def _place_of(held: Effect, shape: Effect) -> dict[str, str]:

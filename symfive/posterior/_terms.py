@@ -67,7 +67,8 @@ class Term:
             return self.needs == other.needs
         if self.effect.unidentified != other.effect.unidentified:
             return self.covers == other.covers
-        return self.slot == other.slot or bool(self.frees & other.frees)
+        instead = self.form.instead == other.effect.key or other.form.instead == self.effect.key
+        return instead or self.slot == other.slot or bool(self.frees & other.frees)
 
 
 def candidates(campaign: Campaign, exclude: Collection[str] = ()) -> Candidates:
@@ -107,7 +108,7 @@ def joinable(campaign: Campaign, forms: Sequence[Form]) -> tuple[Form, ...]:
             seen = bool(effect.parameters(campaign)) and any(effect.applies(run) for run in campaign.runs)
         except InputError:
             continue  # the baseline holds it, or the machine lacks what it needs
-        what = (effect.key, *form.at.items())
+        what = (effect, *form.at.items()) if form.at else (effect.key,)
         if seen and effect.key not in held and what not in taken:
             taken.add(what)
             found.append(replace(form, effect=effect))
