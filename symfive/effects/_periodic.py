@@ -10,6 +10,7 @@ from typing import Any, Self
 import casadi as ca
 import numpy as np
 
+from symfive.arrays import Array
 from symfive.effects._base import Effect
 from symfive.effects._quantity import Covariance, Quantity, Values, amplitude_and_phase, own_quantity
 from symfive.errors import InputError
@@ -20,6 +21,10 @@ from symfive.runs import Campaign, Run
 
 READINGS = 2.5
 """Readings per cycle, at least (H. Nyquist 1928: 2)."""
+FINER, MANY = 8.0, 500
+"""By how much uneven targets (ISO 230-2) may resolve shorter periods than even ones; positions that are no targets any more."""
+ALIKE = 0.999
+"""Mean of exp(2πi·f·position), as a share of that at 0, from which on a frequency reads like 0: of even targets 1 at 1/step."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,4 +93,17 @@ def reach_and_shortest(runs: Iterable[Run], axis: str) -> tuple[float, float]:
     if not (steps > 0.0).any():
         return 0.0, 0.0
     reach = max(float(way.max()) for way in ways) - min(float(way.min()) for way in ways)
-    return reach, READINGS * float(np.median(steps[steps > 0.0]))
+    usual = float(np.median(steps[steps > 0.0]))
+    return reach, READINGS * usual / _uneven(np.unique(np.concatenate(ways)), usual)
+
+
+def _uneven(targets: Array, step: float) -> float:
+    """How many times shorter periods some targets resolve than even ones a `step` apart: until a frequency reads like 0
+    (L. Eyer & P. Bartholdi 1999)."""
+    if len(targets) > MANY:
+        return 1.0
+    reach = float(np.ptp(targets))
+    frequencies = np.arange(0.5 / step, FINER / step, 0.1 / reach)
+    window = np.abs(np.exp(2j * np.pi * np.outer(frequencies, targets)).mean(axis=1))
+    alike = frequencies[window > ALIKE]
+    return max(1.0, float(alike[0]) * step) if len(alike) else FINER
