@@ -244,6 +244,8 @@ WRONG = {
     "column": (["a;d", "1;2", "2;3"], ["--map", "angle=9:deg"], "no column is called '9'", "1 a, 2 d"),
     "nobody": (["angle [deg];deviation [um]", "1;2", "2;3"], [], "guessed", "--yes, or --map angle=1:deg"),
     "text": (["angle [deg];deviation [um]", "1;2", "2;3", "end;of file"], ["--yes"], "line 4", "write a number"),
+    "early": (["angle [deg];deviation [um]", "0;1", "1;n/a", "2;3", "3;4"], ["--yes"], "line 3", "write a number"),
+    "first": (["angle [deg];deviation [um]", "0;n/a", "1;2", "2;3"], ["--yes"], "line 2", "write a number"),
     "cells": (["1;2", "2;3", "1;2;3"], ["--yes"], "3 cells, the first one has 2", "remove"),
     "none": (["angle [deg];deviation [um]", "1;2", "2;3"], ["--yes"], "needs its radius and feed", "--radius 100"),
     "empty": (["nothing"], [], "no table of numbers", "two columns"),

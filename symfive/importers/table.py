@@ -93,12 +93,21 @@ def _cells(line: str, sign: str) -> list[str]:
 
 
 def _begin(path: Path, lines: list[str]) -> tuple[str, int]:
-    """Separator and first line of the table: the first two rows in a row that hold as many numbers, two or more."""
+    """Separator and first line of the table: the first two rows in a row that hold as many numbers, two or more.
+
+    Rows of as many cells just above that begin with a number belong to it, though they hold a text: no head begins so.
+    """
     for first, line in enumerate(lines):
         after = next((later for later in lines[first + 1 :] if later.strip()), line)
         for sign in signs_of(line):
             cells, below = _cells(line, sign), _cells(after, sign)
             if len(cells) == len(below) > 1 and are_numbers(cells, sign) and are_numbers(below, sign):
+                while (
+                    first
+                    and len(above := _cells(lines[first - 1], sign)) == len(cells)
+                    and are_numbers(above[:1], sign)
+                ):
+                    first -= 1
                 return sign, first
     raise InputError("the file holds no table of numbers", path=path, remedy="export text with at least two columns")
 
