@@ -242,6 +242,7 @@ WRONG = {
     "odd": (["a;d", "1;2", "2;3"], ["--map", "deviation=2:furlong"], "the unit 'furlong'", "um"),
     "meaning": (["a;d", "1;2", "2;3"], ["--map", "speed=2:mm"], "'speed' has no meaning", "deviation"),
     "column": (["a;d", "1;2", "2;3"], ["--map", "angle=9:deg"], "no column is called '9'", "1 a, 2 d"),
+    "twice": (["a;d", "1;2", "2;3"], ["--map", "angle=1:deg", "--map", "deviation=1:um"], "column 1 is mapped to angle", "once"),
     "nobody": (["angle [deg];deviation [um]", "1;2", "2;3"], [], "guessed", "--yes, or --map angle=1:deg"),
     "text": (["angle [deg];deviation [um]", "1;2", "2;3", "end;of file"], ["--yes"], "line 4", "write a number"),
     "early": (["angle [deg];deviation [um]", "0;1", "1;n/a", "2;3", "3;4"], ["--yes"], "line 3", "write a number"),
