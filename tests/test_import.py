@@ -249,6 +249,8 @@ WRONG = {
     "first": (["angle [deg];deviation [um]", "0;n/a", "1;2", "2;3"], ["--yes"], "line 2", "write a number"),
     "cells": (["1;2", "2;3", "1;2;3"], ["--yes"], "3 cells, the first one has 2", "remove"),
     "none": (["angle [deg];deviation [um]", "1;2", "2;3"], ["--yes"], "needs its radius and feed", "--radius 100"),
+    "bar": (["1;150.01", "2;150.02"], ["--map", "angle=1:deg", "--map", "radius=2:mm", "--radius", "100", "--feed", "500"],
+            "--radius says 100 mm", "the length of this bar"),
     "empty": (["nothing"], [], "no table of numbers", "two columns"),
     "other": (["x;y", "1;2", "2;3"], ["--map", "X=1:mm"], "hold no reading", "--map dL=3:um"),
     "nowhere": (["t;y", "1;2", "2;3"], ["--map", "time=1:s", "--map", "X_dev=2:um"], "hold no position", "--hold X=0"),

@@ -22,7 +22,7 @@ import numpy as np
 from symfive.arrays import Array
 from symfive.campaign import Run, SetupSigma
 from symfive.errors import InputError
-from symfive.importers.polar import ANGLE_ERROR, DIRECTIONS, FITTED, as_moved, polar_run
+from symfive.importers.polar import ANGLE_ERROR, DIRECTIONS, FITTED, NEAR, as_moved, polar_run
 from symfive.instruments import INSTRUMENTS
 from symfive.machine import Machine
 from symfive.procedures import PLANES, Nominal, tool_ball_of, within_travel
@@ -100,7 +100,13 @@ def _circles(machine: Machine, columns: Columns, setting: Setting, id: str) -> l
     if ("deviation" in columns) == ("radius" in columns):
         problem = "a circle needs one column deviation or radius (of the ball's path)"
         raise InputError(problem, remedy="say which: --map deviation=2:um, or --map radius=2:mm")
-    deviation = _one(columns, "deviation") if "deviation" in columns else _one(columns, "radius") - setting.radius
+    if "radius" in columns:
+        deviation = _one(columns, "radius") - setting.radius
+        if abs(off := float(np.median(deviation))) > NEAR * setting.radius:
+            problem = f"the radii are about {setting.radius + off:.4g} mm, and --radius says {setting.radius:g} mm"
+            raise InputError(problem, remedy="give the length of this bar, or correct the column's unit in --map")
+    else:
+        deviation = _one(columns, "deviation")
     pieces = _one_way(angle)
     if len(pieces) == 1:
         return [_circle(machine, angle, deviation, setting, id)]
