@@ -295,3 +295,14 @@ def test_circles_of_one_direction_are_noted(tmp_path: Path, capsys):
     assert main([str(w) for w in [*words, *maps, "--direction", "ccw", "--direction", "cw"]]) == 0
     assert "files go ccw" not in capsys.readouterr().err
     assert {v.name for v in standard_values(read_campaign(tmp_path / "two"))} >= {"G", "G(b)"}
+
+
+@pytest.mark.parametrize("verb", ["import", "import-polar"])
+def test_files_of_one_name_are_refused(verb: str, tmp_path: Path, capsys):
+    """As software writes them, into a folder for each direction."""
+    files = [tmp_path / sense / "xy.csv" for sense in ("ccw", "cw")]
+    for file in files:
+        file.parent.mkdir()
+        file.write_text("\n".join(f"{a} {np.sin(a):.4f}" for a in ANGLES))
+    assert main([verb, "three-axis", *map(str, files), "-o", str(tmp_path / "out"), "-q"]) == 2
+    assert "two files are called 'xy'" in (said := capsys.readouterr().err) and "rename one" in said

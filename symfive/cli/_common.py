@@ -174,6 +174,14 @@ def joined(path: Path, also: Sequence[Path], quiet: bool) -> Campaign:
     return data
 
 
+def refuse_namesakes(files: Sequence[Path]) -> None:
+    """Raises `InputError` where two files have one name, which their runs would have too."""
+    for number, path in enumerate(files):
+        if path.stem in {other.stem for other in files[:number]}:
+            problem = f"two files are called {shown(path.stem)}, and a run has the name of its file"
+            raise InputError(problem, path=path, remedy="rename one of them, or name each file once")
+
+
 def noted(notes: Iterable[object], quiet: bool) -> None:
     """Notes on standard error."""
     for note in () if quiet else notes:

@@ -21,6 +21,7 @@ from symfive.cli._common import (
     point_of,
     quiet,
     read,
+    refuse_namesakes,
     written,
 )
 from symfive.errors import InputError, inside
@@ -146,6 +147,7 @@ def _circles(machine: str, files: Sequence[Path]) -> tuple[Machine, list[dict[st
     from symfive.importers import as_planned
 
     if not (Path(machine) / "campaign.toml").is_file():
+        refuse_namesakes(files)
         return machine_given(machine), [{"id": path.stem} for path in files]
     plan = read_campaign(machine)
     ids = [run.id for run in plan.runs]
