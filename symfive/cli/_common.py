@@ -167,10 +167,16 @@ def read(path: Path, quiet: bool, *, measured: bool = False) -> Campaign:
 
 
 def joined(path: Path, also: Sequence[Path], quiet: bool) -> Campaign:
-    """A measured campaign, joined with further ones of the same machine."""
+    """A measured campaign, joined with others of the same machine. Raises `InputError` for readings that are given twice."""
     data = read(path, quiet, measured=True)
     for number, more in enumerate(also, start=2):
-        data = data.joined(read(more, quiet, measured=True), prefix=f"c{number}-")
+        found = read(more, quiet, measured=True)
+        both = data.joined(found, prefix=f"c{number}-")
+        for run in found.runs:
+            if twin := next((own for own in data.runs if own.records_the_same(run)), None):
+                problem = f"run {run.id} holds the readings of run {twin.id} again, which would count twice"
+                raise InputError(problem, path=more, remedy="name each recording once")
+        data = both
     return data
 
 
