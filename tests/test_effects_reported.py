@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -34,6 +35,14 @@ def test_described_and_written(number: int) -> None:
     assert effect.vocabulary in VOCABULARY and effect.says and effect.hidden_by and effect.action
     again = effects_from_data(json.loads(json.dumps([effect_to_data(effect)])), "model.json")
     assert again == (effect,)
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_nothing_is_hidden_by_what_it_is_reported_as(name: str) -> None:
+    """`friction of axis Y, hidden by friction` helps nobody: another effect of the same word needs words of its own."""
+    effect = EFFECTS[name]
+    word = (effect.reported_as or effect.id).replace("_", " ")
+    assert word not in re.split(r"[;,] | and | \(", effect.hidden_by)
 
 
 def test_amplitude_and_phase_are_reported_with_their_uncertainty() -> None:
