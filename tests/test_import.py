@@ -306,3 +306,25 @@ def test_files_of_one_name_are_refused(verb: str, tmp_path: Path, capsys):
         file.write_text("\n".join(f"{a} {np.sin(a):.4f}" for a in ANGLES))
     assert main([verb, "three-axis", *map(str, files), "-o", str(tmp_path / "out"), "-q"]) == 2
     assert "two files are called 'xy'" in (said := capsys.readouterr().err) and "rename one" in said
+
+
+def test_lengths_in_other_units_are_noted(tmp_path: Path, capsys):
+    """mm under a head that says µm, and a bar's length in inches."""
+    rows = "\n".join(f"{a},{0.004 * np.cos(np.radians(2 * a)):.6f}" for a in ANGLES)
+    (tmp_path / "a.csv").write_text(f"angle [deg],deviation [um]\n{rows}")
+    words = [
+        "import",
+        "three-axis",
+        tmp_path / "a.csv",
+        "-o",
+        tmp_path / "out",
+        "--radius",
+        3.937,
+        "--feed",
+        39.4,
+        "--yes",
+    ]
+    assert main([str(w) for w in [*words, "--centre", "0,0,110"]]) == 0
+    said = capsys.readouterr().err
+    assert "no deviation reaches the noise of 0.3 µm; if they are mm" in said
+    assert "one of 100 mm, which is 3.937 in" in said and "give --radius and --centre in mm" in said
