@@ -247,6 +247,7 @@ WRONG = {
     "text": (["angle [deg];deviation [um]", "1;2", "2;3", "end;of file"], ["--yes"], "line 4", "write a number"),
     "early": (["angle [deg];deviation [um]", "0;1", "1;n/a", "2;3", "3;4"], ["--yes"], "line 3", "write a number"),
     "first": (["angle [deg];deviation [um]", "0;n/a", "1;2", "2;3"], ["--yes"], "line 2", "write a number"),
+    "thousands": (["angle;deviation", "0;1.234,5", "1;1.234,6"], [], "line 2", "none between the thousands"),
     "cells": (["1;2", "2;3", "1;2;3"], ["--yes"], "3 cells, the first one has 2", "remove"),
     "none": (["angle [deg];deviation [um]", "1;2", "2;3"], ["--yes"], "needs its radius and feed", "--radius 100"),
     "bar": (["1;150.01", "2;150.02"], ["--map", "angle=1:deg", "--map", "radius=2:mm", "--radius", "100", "--feed", "500"],

@@ -109,7 +109,19 @@ def _begin(path: Path, lines: list[str]) -> tuple[str, int]:
                 ):
                     first -= 1
                 return sign, first
+    _refuse_unreadable(path, lines)
     raise InputError("the file holds no table of numbers", path=path, remedy="export text with at least two columns")
+
+
+def _refuse_unreadable(path: Path, lines: list[str]) -> None:
+    """Raises `InputError` for the cell that is no number in rows that begin with one: 1.234,5 has a mark between thousands."""
+    for number, line in enumerate(lines[:-1], start=1):
+        for sign in signs_of(line):
+            cells, below = _cells(line, sign), _cells(lines[number], sign)
+            if len(cells) == len(below) > 1 and are_numbers(cells[:1], sign) and are_numbers(below[:1], sign):
+                with inside(path=path):
+                    for cell in cells:
+                        Marks(sign).number(cell, number)
 
 
 def _head(lines: list[str], sign: str, count: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
