@@ -173,7 +173,7 @@ def test_a_recording_of_the_drive_names_its_axis(column: str, option: dict[str, 
     assert main(["check", str(tmp_path / "out"), "-q"]) == 0
 
 
-def test_a_probe_cycle_shows_the_location_errors(tmp_path: Path):
+def test_a_probe_cycle_shows_the_location_errors(tmp_path: Path, capsys):
     """The centres that an exact machine with these errors would find, solved for here; nothing of the importer's."""
     machine = preset("table-bc")
     kept = {n: machine.errors[n] for n in ("EX0C", "EY0C", "EA0C", "EB0C") if n in machine.errors}
@@ -205,6 +205,12 @@ def test_a_probe_cycle_shows_the_location_errors(tmp_path: Path):
     (tmp_path / "probe.csv").write_text("\n".join(["pose;B_deg;C_deg;X_found_mm;Y_found_mm;Z_found_mm", *rows]))
     options = ["--centre", "80,0.4,60.2", "--tool-ball", "0,0,-150", "--noise-um", 0.5, "--yes"]
     campaign = _imported(tmp_path, "table-bc", tmp_path / "probe.csv", *options)
+    tip = [f"{row.rpartition(';')[0]};{float(row.rpartition(';')[2]) - 150.0:.6f}" for row in rows]
+    (tmp_path / "tip.csv").write_text("\n".join(["pose;B_deg;C_deg;X_found_mm;Y_found_mm;Z_found_mm", *tip]))
+    words = ["import", "table-bc", tmp_path / "tip.csv", "-o", tmp_path / "tip", "-q", *options]
+    assert main([str(w) for w in words]) == 2 and "those of the tip" in capsys.readouterr().err
+    words[words.index("0,0,-150")] = "0,0,0"
+    assert main([str(w) for w in words]) == 0
     found = identify(campaign.with_machine(machine))
     for name in kept:
         assert found[name] == pytest.approx(truth[name], abs=4.0 * found.uncertainty(name)), name

@@ -204,17 +204,24 @@ def probe_run(
     """A static run of a touch probe: `found` linear axis → (N,) mm at which a centred touch would stand, `commands` rotary axis →
     (N,) degree; both machine coordinates.
 
-    The readings are found less nominal coordinates, the nominal ones those of a sphere at `setting.centre`: it need be right to
-    some tenths of a millimetre only, its prior is `SPHERE`.
+    The readings are found less nominal coordinates of the axes, the nominal ones those of a sphere at `setting.centre`: it need
+    be right to some tenths of a millimetre only, its prior is `SPHERE`. Raises `InputError` where an axis is missing, and for
+    coordinates of the tip.
     """
     missing = [name for name in machine.linear_axes if name not in found]
     if missing:
         problem = f"where {', '.join(missing)} found the centre is missing"
         raise InputError(problem, remedy=f"add --map {missing[0]}_found=2:mm")
     nominal, ball, rows = Nominal(machine), tool_ball_of(machine, setting.tool_ball), len(next(iter(found.values())))
-    positions = nominal.follow(
-        np.tile(setting.centre, (rows, 1)), ball, {**setting.hold, **commands}, f"probe cycle {id}"
+    positions, tip = (
+        nominal.follow(np.tile(setting.centre, (rows, 1)), tool, {**setting.hold, **commands}, f"probe cycle {id}")
+        for tool in (ball, (0.0, 0.0, 0.0))
     )
+    if _distance(found, tip) < _distance(found, positions):
+        problem = "the found coordinates are those of the tip, with the tool's length in them, not of the axes"
+        raise InputError(
+            problem, remedy="give those of the axes; where no axis turns the tool, --tool-ball 0,0,0 does too"
+        )
     run = Run(
         id=id, instrument=("touch_probe",), sampling="static", clock="none" if time is None else "recorded",
         time=np.arange(float(rows)) if time is None else time - time[0], commands=positions,
@@ -224,6 +231,11 @@ def probe_run(
     return within_travel(
         machine, run, place="the found coordinates (machine coordinates?) or the travel in the machine file"
     )
+
+
+def _distance(found: Columns, nominal: Columns) -> float:
+    """Root of the sum of squares between found and nominal coordinates, mm."""
+    return float(np.sqrt(sum(np.sum((column - nominal[name]) ** 2) for name, column in found.items())))
 
 
 def recorded_run(machine: Machine, columns: Columns, setting: Setting, id: str) -> Run:
