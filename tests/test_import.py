@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from symfive.campaign import Campaign, Run, read_campaign
 from symfive.cli import main
+from symfive.diagnose import diagnose
 from symfive.errors import InputError
 from symfive.identify import identify
 from symfive.importers import cycles_of, every, meanings, moved_pieces, read_table, split, taken, turns_of
@@ -335,3 +336,10 @@ def test_lengths_in_other_units_are_noted(tmp_path: Path, capsys):
     said = capsys.readouterr().err
     assert "no deviation reaches the noise of 0.3 µm; if they are mm" in said
     assert "one of 100 mm, which is 3.937 in" in said and "give --radius and --centre in mm" in said
+
+
+def test_repeats_at_one_target_are_diagnosed(tmp_path: Path):
+    """One place is no table of places: its knots did not ascend, and diagnose ended in that."""
+    noise = np.random.default_rng(1).normal(0.0, 0.3, 30)
+    (tmp_path / "a.csv").write_text("target [mm],deviation [um]\n" + "\n".join(f"100,{v:.2f}" for v in noise))
+    assert not diagnose(_imported(tmp_path, "three-axis", tmp_path / "a.csv", "--axis", "X", "--yes")).findings
