@@ -61,9 +61,13 @@ class TomlFile:
 
     def require_schema(self, schema: str) -> None:
         """Raise `InputError` unless the file is of this `schema`."""
-        if self.data.get("schema") != schema:
+        own = self.data.get("schema")
+        if own != schema:
             remedy = f'the first line must be schema = "{schema}"'
-            raise self.error(f"schema is {shown(self.data.get('schema'))}", "schema", remedy=remedy)
+            kinds = [str(name).removeprefix("symfive.").partition("/")[0] for name in (own, schema)]
+            if str(own).startswith("symfive.") and kinds[0] != kinds[1]:
+                remedy = f"this is a {kinds[0]}: name a {kinds[1]}"
+            raise self.error(f"schema is {shown(own)}", "schema", remedy=remedy)
 
     def error(self, problem: str, *keys: str | int, remedy: str) -> InputError:
         """An `InputError` at the place of `keys`."""
@@ -103,7 +107,10 @@ def parse_toml(path: Path, text: str) -> TomlFile:
     except (ValueError, RecursionError) as error:
         said, line, column = _of_tomllib(error, text)
         problem = f"not valid TOML: {said}"
-        raise InputError(problem, path=path, line=line, column=column, remedy="correct the syntax there") from None
+        remedy = "correct the syntax there"
+        if path.suffix.casefold() != ".toml":
+            remedy = "name a machine file or a campaign's folder; symfive import reads tables"
+        raise InputError(problem, path=path, line=line, column=column, remedy=remedy) from None
     file = TomlFile(path, text, data, tuple(_comments(text)))
     refuse_what_toml_lacks(file)
     return file

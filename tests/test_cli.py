@@ -285,11 +285,14 @@ def test_identify_writes_everything(fitted):
 
 
 def test_identify_without_figures_as_json_on_two_campaigns(symfive, tmp_path):
+    shutil.copytree(BAR, tmp_path / "again")
+    for table in (tmp_path / "again").glob("[lh]*.csv"):
+        cell(table, 5, table.read_text().split("\n")[0].split(",").index("dL_um") + 1, "0.0")
     words = (
         "identify",
         BAR,
         "--with",
-        BAR,
+        tmp_path / "again",
         "-o",
         tmp_path / "r",
         "--no-figures",

@@ -182,3 +182,13 @@ def test_a_full_disk(symfive, small_plan, tmp_path, monkeypatch):
     answer = symfive("simulate", small_plan, "-o", tmp_path / "o")
     refused(answer, "No space left on device")
     assert not (tmp_path / "o").exists()
+
+
+def test_a_campaign_that_is_named_twice_does_not_count_twice(symfive, tmp_path):
+    answer = symfive("identify", BAR, "--with", BAR, "-o", tmp_path / "r", "--no-figures", "-q")
+    refused(answer, "run low holds the readings of run low again", "name each recording once")
+
+
+def test_a_file_of_another_kind_is_called_what_it_is(symfive, tmp_path):
+    refused(symfive("identify", BAR / "machine.toml", "-o", tmp_path / "r"), "this is a machine: name a campaign")
+    assert "symfive import reads tables" in symfive("check", BAR / "low.csv").out

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -34,6 +35,14 @@ def test_described_and_written(number: int) -> None:
     assert effect.vocabulary in VOCABULARY and effect.says and effect.hidden_by and effect.action
     again = effects_from_data(json.loads(json.dumps([effect_to_data(effect)])), "model.json")
     assert again == (effect,)
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_nothing_is_hidden_by_what_it_is_reported_as(name: str) -> None:
+    """`friction of axis Y, hidden by friction` helps nobody: another effect of the same word needs words of its own."""
+    effect = EFFECTS[name]
+    word = (effect.reported_as or effect.id).replace("_", " ")
+    assert word not in re.split(r"[;,] | and | \(", effect.hidden_by)
 
 
 def test_amplitude_and_phase_are_reported_with_their_uncertainty() -> None:
@@ -136,3 +145,14 @@ def test_the_size_of_a_term_without_a_name_is_what_the_readings_determine():
     vague = {n: 0.3 * s for n, s in zip(names, sigma, strict=True)} | {names[0]: sigma[0]}
     wanted, found = (term.describe(clean, values, pairs)["rms"] for values in (exact, vague))
     assert found.value == pytest.approx(wanted.value) and found.std == pytest.approx(0.02 * found.value)
+
+
+def test_a_way_since_reversal_is_also_that_of_an_axis_that_only_goes_back() -> None:
+    """Its span ended at zero, and the table of its functions was divided by it."""
+    plan = campaign("planar")
+    run = plan.runs[0]
+    back = replace(run, commands={**run.commands, "X": np.linspace(50.0, -50.0, run.rows)})
+    plan = replace(plan, runs=(back,))
+    effect = make_effect("unknown", over=("X since reversal",)).prepare(plan)
+    assert effect.span == ((-100.0, 100.0),)
+    assert np.isfinite(effect.table(plan.machine, plan.runs)).all()

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from symfive.campaign import Campaign, Run, read_campaign
 from symfive.cli import main
+from symfive.diagnose import diagnose
 from symfive.errors import InputError
 from symfive.identify import identify
 from symfive.importers import cycles_of, every, meanings, moved_pieces, read_table, split, taken, turns_of
@@ -173,7 +174,7 @@ def test_a_recording_of_the_drive_names_its_axis(column: str, option: dict[str, 
     assert main(["check", str(tmp_path / "out"), "-q"]) == 0
 
 
-def test_a_probe_cycle_shows_the_location_errors(tmp_path: Path):
+def test_a_probe_cycle_shows_the_location_errors(tmp_path: Path, capsys):
     """The centres that an exact machine with these errors would find, solved for here; nothing of the importer's."""
     machine = preset("table-bc")
     kept = {n: machine.errors[n] for n in ("EX0C", "EY0C", "EA0C", "EB0C") if n in machine.errors}
@@ -205,6 +206,12 @@ def test_a_probe_cycle_shows_the_location_errors(tmp_path: Path):
     (tmp_path / "probe.csv").write_text("\n".join(["pose;B_deg;C_deg;X_found_mm;Y_found_mm;Z_found_mm", *rows]))
     options = ["--centre", "80,0.4,60.2", "--tool-ball", "0,0,-150", "--noise-um", 0.5, "--yes"]
     campaign = _imported(tmp_path, "table-bc", tmp_path / "probe.csv", *options)
+    tip = [f"{row.rpartition(';')[0]};{float(row.rpartition(';')[2]) - 150.0:.6f}" for row in rows]
+    (tmp_path / "tip.csv").write_text("\n".join(["pose;B_deg;C_deg;X_found_mm;Y_found_mm;Z_found_mm", *tip]))
+    words = ["import", "table-bc", tmp_path / "tip.csv", "-o", tmp_path / "tip", "-q", *options]
+    assert main([str(w) for w in words]) == 2 and "those of the tip" in capsys.readouterr().err
+    words[words.index("0,0,-150")] = "0,0,0"
+    assert main([str(w) for w in words]) == 0
     found = identify(campaign.with_machine(machine))
     for name in kept:
         assert found[name] == pytest.approx(truth[name], abs=4.0 * found.uncertainty(name)), name
@@ -242,10 +249,16 @@ WRONG = {
     "odd": (["a;d", "1;2", "2;3"], ["--map", "deviation=2:furlong"], "the unit 'furlong'", "um"),
     "meaning": (["a;d", "1;2", "2;3"], ["--map", "speed=2:mm"], "'speed' has no meaning", "deviation"),
     "column": (["a;d", "1;2", "2;3"], ["--map", "angle=9:deg"], "no column is called '9'", "1 a, 2 d"),
+    "twice": (["a;d", "1;2", "2;3"], ["--map", "angle=1:deg", "--map", "deviation=1:um"], "column 1 is mapped to angle", "once"),
     "nobody": (["angle [deg];deviation [um]", "1;2", "2;3"], [], "guessed", "--yes, or --map angle=1:deg"),
     "text": (["angle [deg];deviation [um]", "1;2", "2;3", "end;of file"], ["--yes"], "line 4", "write a number"),
+    "early": (["angle [deg];deviation [um]", "0;1", "1;n/a", "2;3", "3;4"], ["--yes"], "line 3", "write a number"),
+    "first": (["angle [deg];deviation [um]", "0;n/a", "1;2", "2;3"], ["--yes"], "line 2", "write a number"),
+    "thousands": (["angle;deviation", "0;1.234,5", "1;1.234,6"], [], "line 2", "none between the thousands"),
     "cells": (["1;2", "2;3", "1;2;3"], ["--yes"], "3 cells, the first one has 2", "remove"),
     "none": (["angle [deg];deviation [um]", "1;2", "2;3"], ["--yes"], "needs its radius and feed", "--radius 100"),
+    "bar": (["1;150.01", "2;150.02"], ["--map", "angle=1:deg", "--map", "radius=2:mm", "--radius", "100", "--feed", "500"],
+            "--radius says 100 mm", "the length of this bar"),
     "empty": (["nothing"], [], "no table of numbers", "two columns"),
     "other": (["x;y", "1;2", "2;3"], ["--map", "X=1:mm"], "hold no reading", "--map dL=3:um"),
     "nowhere": (["t;y", "1;2", "2;3"], ["--map", "time=1:s", "--map", "X_dev=2:um"], "hold no position", "--hold X=0"),
@@ -290,3 +303,43 @@ def test_circles_of_one_direction_are_noted(tmp_path: Path, capsys):
     assert main([str(w) for w in [*words, *maps, "--direction", "ccw", "--direction", "cw"]]) == 0
     assert "files go ccw" not in capsys.readouterr().err
     assert {v.name for v in standard_values(read_campaign(tmp_path / "two"))} >= {"G", "G(b)"}
+
+
+@pytest.mark.parametrize("verb", ["import", "import-polar"])
+def test_files_of_one_name_are_refused(verb: str, tmp_path: Path, capsys):
+    """As software writes them, into a folder for each direction."""
+    files = [tmp_path / sense / "xy.csv" for sense in ("ccw", "cw")]
+    for file in files:
+        file.parent.mkdir()
+        file.write_text("\n".join(f"{a} {np.sin(a):.4f}" for a in ANGLES))
+    assert main([verb, "three-axis", *map(str, files), "-o", str(tmp_path / "out"), "-q"]) == 2
+    assert "two files are called 'xy'" in (said := capsys.readouterr().err) and "rename one" in said
+
+
+def test_lengths_in_other_units_are_noted(tmp_path: Path, capsys):
+    """mm under a head that says µm, and a bar's length in inches."""
+    rows = "\n".join(f"{a},{0.004 * np.cos(np.radians(2 * a)):.6f}" for a in ANGLES)
+    (tmp_path / "a.csv").write_text(f"angle [deg],deviation [um]\n{rows}")
+    words = [
+        "import",
+        "three-axis",
+        tmp_path / "a.csv",
+        "-o",
+        tmp_path / "out",
+        "--radius",
+        3.937,
+        "--feed",
+        39.4,
+        "--yes",
+    ]
+    assert main([str(w) for w in [*words, "--centre", "0,0,110"]]) == 0
+    said = capsys.readouterr().err
+    assert "no deviation reaches the noise of 0.3 µm; if they are mm" in said
+    assert "one of 100 mm, which is 3.937 in" in said and "give --radius and --centre in mm" in said
+
+
+def test_repeats_at_one_target_are_diagnosed(tmp_path: Path):
+    """One place is no table of places: its knots did not ascend, and diagnose ended in that."""
+    noise = np.random.default_rng(1).normal(0.0, 0.3, 30)
+    (tmp_path / "a.csv").write_text("target [mm],deviation [um]\n" + "\n".join(f"100,{v:.2f}" for v in noise))
+    assert not diagnose(_imported(tmp_path, "three-axis", tmp_path / "a.csv", "--axis", "X", "--yes")).findings

@@ -44,4 +44,14 @@ def test_what_the_user_holds_far_from_its_prior_is_no_tension() -> None:
 def test_a_finding_that_only_relieves_the_priors_is_doubted() -> None:
     found = diagnose(measured(800.0))
     assert found.findings
-    assert "table_ball in campaign.toml" in " ".join(found.doubts)
+    assert (
+        "check first where balls" in (said := " ".join(found.doubts).lower()) and "how long the bar is (length" in said
+    )
+
+
+def test_a_bar_that_was_not_calibrated_is_among_what_to_check() -> None:
+    """Its error is that of the scale of both axes, to which the machine's errors give way."""
+    exact = {p.name: 0.0 for p in identify(simulate(PLAN, seed=1).campaign).parameters}
+    long = {f"setup.{run.id}.length": 25.0 for run in PLAN.runs}
+    (said,) = (n for n in identify(simulate(PLAN, truth=exact | long, seed=1).campaign).notes if "prior mean" in n)
+    assert "how long the bar is (length" in said

@@ -167,11 +167,25 @@ def read(path: Path, quiet: bool, *, measured: bool = False) -> Campaign:
 
 
 def joined(path: Path, also: Sequence[Path], quiet: bool) -> Campaign:
-    """A measured campaign, joined with further ones of the same machine."""
+    """A measured campaign, joined with others of the same machine. Raises `InputError` for readings that are given twice."""
     data = read(path, quiet, measured=True)
     for number, more in enumerate(also, start=2):
-        data = data.joined(read(more, quiet, measured=True), prefix=f"c{number}-")
+        found = read(more, quiet, measured=True)
+        both = data.joined(found, prefix=f"c{number}-")
+        for run in found.runs:
+            if twin := next((own for own in data.runs if own.records_the_same(run)), None):
+                problem = f"run {run.id} holds the readings of run {twin.id} again, which would count twice"
+                raise InputError(problem, path=more, remedy="name each recording once")
+        data = both
     return data
+
+
+def refuse_namesakes(files: Sequence[Path]) -> None:
+    """Raises `InputError` where two files have one name, which their runs would have too."""
+    for number, path in enumerate(files):
+        if path.stem in {other.stem for other in files[:number]}:
+            problem = f"two files are called {shown(path.stem)}, and a run has the name of its file"
+            raise InputError(problem, path=path, remedy="rename one of them, or name each file once")
 
 
 def noted(notes: Iterable[object], quiet: bool) -> None:

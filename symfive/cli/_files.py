@@ -21,6 +21,7 @@ from symfive.cli._common import (
     point_of,
     quiet,
     read,
+    refuse_namesakes,
     written,
 )
 from symfive.errors import InputError, inside
@@ -96,7 +97,6 @@ def import_polar(
     Of circles that were planned, the plan's folder says radius, feed, centre and plane; a file has the name of its run, or
     there is one for each run, in their order.
     """
-    import numpy as np
 
     from symfive.campaign import write_campaign_files
     from symfive.importers import FITTED, along_run, polar_doubts, polar_run, read_polar
@@ -115,7 +115,7 @@ def import_polar(
         if len(senses) != len(files):
             problem = f"{len(files)} files have {len(senses)} directions"
             raise InputError(problem, remedy="give --direction ccw or cw once per file, in their order")
-        runs, angles, notes = [], [], list[str]()
+        runs, angles = [], []
         for path, sense, circle in zip(files, senses, circles, strict=True):
             angle, deviation = read_polar(path, unit=unit, columns=names, direction=sense if direction else None)
             if not direction:
@@ -125,15 +125,11 @@ def import_polar(
             circle = {"centre": (0.0, 0.0, 0.0), "noise_um": 0.3, **circle, **given}
             if "radius" not in circle or "feed" not in circle:
                 raise _not_in_the_file(path, circle)
-            if unit == "um" and float(np.abs(deviation).max()) < circle["noise_um"]:
-                notes.append(
-                    f"{path.name}: no deviation reaches {circle['noise_um']:g} µm; if they are mm, give --unit mm"
-                )
             with inside(path=path):
                 runs.append(polar_run(data, angle, deviation, angle_error=angle_error, **circle))
         campaign = campaign_of(data, runs, output.name)
         write_campaign_files(campaign, folder)
-    noted([*notes, *polar_doubts(data, runs, angles, radius=circle["radius"], feed=circle["feed"])], quiet)
+    noted(polar_doubts(data, runs, angles, radius=circle["radius"], feed=circle["feed"]), quiet)
     near = sum(map(len, angles)) - campaign.rows
     left_out = f"; {near} readings within {angle_error:g}° of a reversal excluded (--angle-error)" if near else ""
     written(campaign, output, quiet, left_out)
@@ -146,6 +142,7 @@ def _circles(machine: str, files: Sequence[Path]) -> tuple[Machine, list[dict[st
     from symfive.importers import as_planned
 
     if not (Path(machine) / "campaign.toml").is_file():
+        refuse_namesakes(files)
         return machine_given(machine), [{"id": path.stem} for path in files]
     plan = read_campaign(machine)
     ids = [run.id for run in plan.runs]

@@ -21,6 +21,7 @@ from symfive.cli._common import (
     overwrite,
     point_of,
     quiet,
+    refuse_namesakes,
     written,
 )
 from symfive.errors import InputError, inside
@@ -82,6 +83,7 @@ def import_table(
     if direction and (len(direction) != len(files) or not set(direction) <= set(DIRECTIONS)):
         problem = f"{len(files)} files have the directions {', '.join(direction)}"
         raise InputError(problem, remedy="give --direction ccw or cw once per file, in their order")
+    refuse_namesakes(files)
     with output_folder(output, overwrite=overwrite, recorded=True) as folder:
         data = machine_given(machine)
         setting = Setting(

@@ -54,7 +54,11 @@ def coordinate_values(name: str, run: Run, machine: Machine) -> Array:
 
 
 def usual_span(name: str, values: Array) -> tuple[float, float]:
-    """From the lowest to the highest; of an acceleration without the jerks at starts and stops."""
+    """From the lowest to the highest; of an acceleration without the jerks at starts and stops; of a way since reversal as far to
+    either side, also where the axis moves to one side only."""
+    if name.endswith(SINCE):
+        reach = float(np.max(np.abs(values)))
+        return -reach, reach
     low, high = np.quantile(values, (RARE, 1.0 - RARE) if name.endswith(ACCELERATION) else (0.0, 1.0))
     return float(low), float(high)
 

@@ -113,10 +113,10 @@ def reversing(campaign: Campaign) -> tuple[str, ...]:
 
 
 def revisited(campaign: Campaign, axis: str) -> tuple[float, ...]:
-    """The places (mm, degree) of an axis that is read at each of them more often than once, if they are few; else none."""
+    """The places (mm, degree) of an axis that is read more than once at each, if they are few (two or more), else none."""
     values = np.round(np.concatenate([run.commands[axis] for run in campaign.runs]), SAME_PLACE)
     places, counts = np.unique(values, return_counts=True)
-    return tuple(places.tolist()) if counts.min() > 1 and len(places) <= MOST_PLACES else ()
+    return tuple(places.tolist()) if counts.min() > 1 and 1 < len(places) <= MOST_PLACES else ()
 
 
 def goes_round(campaign: Campaign, axis: str) -> bool:

@@ -27,7 +27,9 @@ class BarTemperature(Effect):
     stage = "reading"
     over_time = True
     says = "the bar grows or shrinks with its temperature"
-    hidden_by = "the bar's length, thermal drift (|cos| 0.96), unequal backlash, which is the other cause of a spiral"
+    hidden_by = (
+        "the bar's length, a drift of the tool (|cos| 0.96), unequal backlash, which is the other cause of a spiral"
+    )
     action = "let the bar reach the machine's temperature, calibrate its length, repeat the test; the machine needs no repair"
     coordinate = "t"
     reported_as = "thermal_drift"

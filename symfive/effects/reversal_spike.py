@@ -33,7 +33,7 @@ class ReversalSpike(Effect):
     id = "reversal_spike"
     stage = "axis"
     says = "a spike after each reversal"
-    hidden_by = "friction; backlash where the rows after a reversal are few"
+    hidden_by = "Coulomb friction in the loop; backlash where the rows after a reversal are few"
     action = "set the friction compensation at reversal in the control"
     coordinate = "{axis} velocity sign"
     reported_as = "friction"

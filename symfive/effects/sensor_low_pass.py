@@ -31,7 +31,7 @@ class SensorLowPass(Effect):
     id = "sensor_low_pass"
     stage = "recording"
     says = "low-pass filter of the instrument"
-    hidden_by = "latency and servo mismatch at slow motion"
+    hidden_by = "a constant delay and servo mismatch at slow motion"
     action = "switch the filter of the instrument off, or measure at a lower feed; the machine needs no repair"
     coordinate = "t"
     reported_as = "latency"

@@ -68,9 +68,8 @@ def tension_notes(fit: Identification) -> tuple[str, ...]:
     if worst is None:
         return ()
     return (
-        f"{worst.worst} is {worst.sigmas:.1f} prior 1σ from its prior mean: check where balls and nests stand (table_ball, "
-        "tool_ball, setup_sigma_um in campaign.toml) before a correction is entered; if the machine is that far off, enlarge "
-        "the prior in the machine file",
+        f"{worst.worst} is {worst.sigmas:.1f} prior 1σ from its prior mean: check {_setup(fit)} before a correction is entered; "
+        "if the machine is that far off, enlarge the prior in the machine file",
     )
 
 
@@ -83,9 +82,15 @@ def relief_notes(plain: Identification, full: Identification) -> tuple[str, ...]
         return ()
     return (
         f"The readings are explained nearly as well without: what speaks for it is that {worst.worst} would otherwise be "
-        f"{worst.sigmas:.1f} prior 1σ from its prior mean. Check first where balls and nests stand (table_ball in "
-        "campaign.toml).",
+        f"{worst.sigmas:.1f} prior 1σ from its prior mean. Check first {_setup(plain)}.",
     )
+
+
+def _setup(fit: Identification) -> str:
+    """What a set-up may have wrong: an uncalibrated bar reads like a scale error of both axes of its circle."""
+    bar = any("ball_bar" in run.instrument for run in fit.model.campaign.runs)
+    where = "where balls and nests stand (table_ball, tool_ball"
+    return f"{where}{') and how long the bar is (length' if bar else ''}; setup_sigma_um in campaign.toml)"
 
 
 def _worst(fit: Identification) -> Tension | None:

@@ -90,7 +90,7 @@ def meanings(table: Table, machine: Machine, entries: Sequence[str], axis: str =
     """The meaning of every column: as the user gives it (`NAME=COLUMN[:UNIT]`, by number, range or name), else from the header.
 
     Where a name is said its guess is dropped. `axis` is that of a positioning test. Raises `InputError` for an unknown name,
-    column or unit.
+    column or unit, and for a column that is mapped twice.
     """
     said: list[Meaning] = []
     for entry in entries:
@@ -101,7 +101,11 @@ def meanings(table: Table, machine: Machine, entries: Sequence[str], axis: str =
         if not _known(name, machine):
             there = ", ".join([*machine.axes, *ALIASES, "X_found", "dL", "dx", "X_dev"])
             raise InputError(f"--map {shown(entry)}: {shown(name)} has no meaning", remedy=f"use one of {there}")
-        said += [Meaning(name, i, unit or table.units[i], guessed=False) for i in _column_numbers(table, place)]
+        for i in _column_numbers(table, place):
+            if other := next((m.name for m in said if m.column == i), ""):
+                problem = f"--map {shown(entry)}: column {i + 1} is mapped to {other} already"
+                raise InputError(problem, remedy="map each column once")
+            said.append(Meaning(name, i, unit or table.units[i], guessed=False))
     taken_names, taken_columns = {m.name for m in said}, {m.column for m in said}
     guesses = [
         m for m in guessed_meanings(table, machine) if m.name not in taken_names and m.column not in taken_columns

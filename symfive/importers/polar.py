@@ -41,6 +41,7 @@ MOST = 1e12
 MOST_COLUMNS = 12
 COLUMNS = ("angle", "deviation")
 DIRECTIONS = ("ccw", "cw")
+MM_IN = 25.4
 SHORT_DEG = 20.0
 """So short an arc is no circular test: one turn in radians is 6.28."""
 SLOW_MIN = 60.0
@@ -257,18 +258,27 @@ def polar_doubts(
     machine: Machine, runs: Sequence[Run], angles_deg: Sequence[Array], *, radius: float, feed: float
 ) -> tuple[str, ...]:
     """What is odd about the circles of `polar_run`, each with its remedy: a short arc (radians?), a feed that an axis cannot
-    do or that takes hours, one direction only, a mean radius that was removed. `angles_deg` those that each run was made of."""
+    do or that takes hours, inches for mm or mm for µm, one direction only, a mean radius that was removed.
+    `angles_deg` those that each run was made of."""
     said = []
     for run in runs:
         deviation = run.readings["dL_um"]
         if np.abs(deviation - radius).max() < NEAR * radius:
             problem = f"{run.id}: the deviations are {deviation.mean():.6g} µm on average, the radius is {radius:g} mm"
             said.append(f"{problem}; if the file holds the bar's length, subtract the radius and give --unit mm")
+        if np.abs(deviation).max() < run.noise("ball_bar"):
+            problem = f"{run.id}: no deviation reaches the noise of {run.noise('ball_bar'):g} µm"
+            said.append(f"{problem}; if they are mm, give --unit mm, in symfive import --map deviation=2:mm")
     for run, angle in zip(runs, angles_deg, strict=True):
         sweep = float(np.ptp(np.unwrap(np.radians(angle))))
         if np.degrees(sweep) < SHORT_DEG:
             problem = f"{run.id}: the angles cover {np.degrees(sweep):.3g}° only"
             said.append(f"{problem}; if they are radians, write them in degree (times 57.29578)")
+    bars = machine.workspace.bar_lengths
+    inches = [bar for bar in bars if radius not in bars and abs(MM_IN * radius - bar) < NEAR * bar]
+    if inches:
+        problem = f"no bar of {radius:g} mm is declared, but one of {inches[0]:g} mm, which is {radius:g} in"
+        said.append(f"{problem}; give --radius and --centre in mm, and --feed in mm/min")
     minutes = 2.0 * np.pi * radius / feed
     if minutes > SLOW_MIN:
         problem = f"at {feed:g} mm/min one circle takes {minutes / 60.0:.2g} hours"
@@ -282,8 +292,8 @@ def polar_doubts(
         (abs(float(np.mean(run.readings["dL_um"]))) / run.noise("ball_bar"), run.setup_sigma_um.length) for run in runs
     ]
     if all(mean < ZERO and known < FITTED.length for mean, known in means):
-        problem = "no circle has a mean deviation: the ball-bar software removed the mean radius"
-        said.append(f"{problem}; give --fitted, or lag and expansion are fitted to a length that is missing")
+        problem = "no circle has a mean deviation, as where the ball-bar software removes the mean radius"
+        said.append(f"{problem}; if it did, give --fitted, or lag and expansion are fitted to a length that is missing")
     senses = {bool(np.unwrap(np.radians(a))[-1] > np.radians(a[0])) for a in angles_deg}
     if len(runs) > 1 and len(senses) == 1:
         sense = DIRECTIONS[0] if senses == {True} else DIRECTIONS[1]

@@ -22,7 +22,7 @@ import numpy as np
 from symfive.arrays import Array
 from symfive.campaign import Run, SetupSigma
 from symfive.errors import InputError
-from symfive.importers.polar import ANGLE_ERROR, DIRECTIONS, FITTED, as_moved, polar_run
+from symfive.importers.polar import ANGLE_ERROR, DIRECTIONS, FITTED, NEAR, as_moved, polar_run
 from symfive.instruments import INSTRUMENTS
 from symfive.machine import Machine
 from symfive.procedures import PLANES, Nominal, tool_ball_of, within_travel
@@ -100,7 +100,13 @@ def _circles(machine: Machine, columns: Columns, setting: Setting, id: str) -> l
     if ("deviation" in columns) == ("radius" in columns):
         problem = "a circle needs one column deviation or radius (of the ball's path)"
         raise InputError(problem, remedy="say which: --map deviation=2:um, or --map radius=2:mm")
-    deviation = _one(columns, "deviation") if "deviation" in columns else _one(columns, "radius") - setting.radius
+    if "radius" in columns:
+        deviation = _one(columns, "radius") - setting.radius
+        if abs(off := float(np.median(deviation))) > NEAR * setting.radius:
+            problem = f"the radii are about {setting.radius + off:.4g} mm, and --radius says {setting.radius:g} mm"
+            raise InputError(problem, remedy="give the length of this bar, or correct the column's unit in --map")
+    else:
+        deviation = _one(columns, "deviation")
     pieces = _one_way(angle)
     if len(pieces) == 1:
         return [_circle(machine, angle, deviation, setting, id)]
@@ -198,17 +204,24 @@ def probe_run(
     """A static run of a touch probe: `found` linear axis → (N,) mm at which a centred touch would stand, `commands` rotary axis →
     (N,) degree; both machine coordinates.
 
-    The readings are found less nominal coordinates, the nominal ones those of a sphere at `setting.centre`: it need be right to
-    some tenths of a millimetre only, its prior is `SPHERE`.
+    The readings are found less nominal coordinates of the axes, the nominal ones those of a sphere at `setting.centre`: it need
+    be right to some tenths of a millimetre only, its prior is `SPHERE`. Raises `InputError` where an axis is missing, and for
+    coordinates of the tip.
     """
     missing = [name for name in machine.linear_axes if name not in found]
     if missing:
         problem = f"where {', '.join(missing)} found the centre is missing"
         raise InputError(problem, remedy=f"add --map {missing[0]}_found=2:mm")
     nominal, ball, rows = Nominal(machine), tool_ball_of(machine, setting.tool_ball), len(next(iter(found.values())))
-    positions = nominal.follow(
-        np.tile(setting.centre, (rows, 1)), ball, {**setting.hold, **commands}, f"probe cycle {id}"
+    positions, tip = (
+        nominal.follow(np.tile(setting.centre, (rows, 1)), tool, {**setting.hold, **commands}, f"probe cycle {id}")
+        for tool in (ball, (0.0, 0.0, 0.0))
     )
+    if _distance(found, tip) < _distance(found, positions):
+        problem = "the found coordinates are those of the tip, with the tool's length in them, not of the axes"
+        raise InputError(
+            problem, remedy="give those of the axes; where no axis turns the tool, --tool-ball 0,0,0 does too"
+        )
     run = Run(
         id=id, instrument=("touch_probe",), sampling="static", clock="none" if time is None else "recorded",
         time=np.arange(float(rows)) if time is None else time - time[0], commands=positions,
@@ -218,6 +231,11 @@ def probe_run(
     return within_travel(
         machine, run, place="the found coordinates (machine coordinates?) or the travel in the machine file"
     )
+
+
+def _distance(found: Columns, nominal: Columns) -> float:
+    """Root of the sum of squares between found and nominal coordinates, mm."""
+    return float(np.sqrt(sum(np.sum((column - nominal[name]) ** 2) for name, column in found.items())))
 
 
 def recorded_run(machine: Machine, columns: Columns, setting: Setting, id: str) -> Run:

@@ -93,14 +93,35 @@ def _cells(line: str, sign: str) -> list[str]:
 
 
 def _begin(path: Path, lines: list[str]) -> tuple[str, int]:
-    """Separator and first line of the table: the first two rows in a row that hold as many numbers, two or more."""
+    """Separator and first line of the table: the first two rows in a row that hold as many numbers, two or more.
+
+    Rows of as many cells just above that begin with a number belong to it, though they hold a text: no head begins so.
+    """
     for first, line in enumerate(lines):
         after = next((later for later in lines[first + 1 :] if later.strip()), line)
         for sign in signs_of(line):
             cells, below = _cells(line, sign), _cells(after, sign)
             if len(cells) == len(below) > 1 and are_numbers(cells, sign) and are_numbers(below, sign):
+                while (
+                    first
+                    and len(above := _cells(lines[first - 1], sign)) == len(cells)
+                    and are_numbers(above[:1], sign)
+                ):
+                    first -= 1
                 return sign, first
+    _refuse_unreadable(path, lines)
     raise InputError("the file holds no table of numbers", path=path, remedy="export text with at least two columns")
+
+
+def _refuse_unreadable(path: Path, lines: list[str]) -> None:
+    """Raises `InputError` for the cell that is no number in rows that begin with one: 1.234,5 has a mark between thousands."""
+    for number, line in enumerate(lines[:-1], start=1):
+        for sign in signs_of(line):
+            cells, below = _cells(line, sign), _cells(lines[number], sign)
+            if len(cells) == len(below) > 1 and are_numbers(cells[:1], sign) and are_numbers(below[:1], sign):
+                with inside(path=path):
+                    for cell in cells:
+                        Marks(sign).number(cell, number)
 
 
 def _head(lines: list[str], sign: str, count: int) -> tuple[tuple[str, ...], tuple[str, ...]]:

@@ -230,6 +230,14 @@ class Run(OnScreen):
         """Whether it has readings."""
         return bool(self.readings)
 
+    def records_the_same(self, other: Run) -> bool:
+        """Whether both have the same readings on the same motion."""
+        columns = ((self.readings, other.readings), (self.commands, other.commands))
+        return all(
+            own.keys() == others.keys() and all(np.array_equal(column, others[name]) for name, column in own.items())
+            for own, others in columns
+        )
+
     @property
     def dynamic(self) -> bool:
         """Whether it is a recording at a constant rate (and not axes at rest at each row)."""
