@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from symfive.arrays import Array
 
@@ -23,6 +22,8 @@ def forward(
     T = Π Trans(o) Rot(e, q) Trans(-o), of a linear axis Trans(q·e), over the axes from the bed outward; the tool frame is the
     machine frame at zero.
     """
+    from scipy.spatial.transform import Rotation  # slow to import, and needed by robots only
+
     n = len(positions)
     rotation, translation = np.broadcast_to(np.eye(3), (n, 3, 3)), np.zeros((n, 3))
     for i, (name, (direction, origin)) in enumerate(axes.items()):
@@ -43,6 +44,8 @@ def axes_of_modified_dh(
 
     Frame i follows from frame i-1 by Rx(α) Tx(a) Rz(q) Tz(d) (J. J. Craig 1986); `a`, `d` mm, `alpha` degree.
     """
+    from scipy.spatial.transform import Rotation
+
     rotation, position = np.eye(3), np.zeros(3)
     axes = []
     for length, offset, twist in zip(a, d, alpha, strict=True):
