@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
+from symfive.campaign import Run
 from symfive.design._budget import most_per_minute, shortened
 from symfive.design._candidates import PER_SETUP, candidates_in, pose_grid, value_of
 from symfive.design._joint import chosen_with_moves
@@ -16,8 +17,7 @@ from symfive.design._reach import Reach, with_ways_out
 from symfive.design._request import Request
 from symfive.design._robust import robust_exchange, survive_a_lost_pose
 from symfive.design._rounding import on_grid, one_tool, rounded
-from symfive.design._schedule import Schedule, retimed, scheduled
-from symfive.design._seated import Seated
+from symfive.design._schedule import Laid, Schedule, retimed, scheduled
 from symfive.design._space import Space
 from symfive.moves import Tested, cleared
 from symfive.nc import LETTERS, Post
@@ -94,8 +94,13 @@ class PlanSearch:
         return self._with_ways_out(one_tool(self.space, self.task, rounded(self.space, design))), psi
 
     @cached_property
-    def _seated(self) -> dict[bytes, Seated]:
-        """The moves of runs that were laid out, by their poses."""
+    def _laid(self) -> dict[tuple[str, bytes], list[Laid]]:
+        """Runs that were laid out, by their poses."""
+        return {}
+
+    @cached_property
+    def _cleared(self) -> dict[tuple[object, ...], Post]:
+        """The ways of runs that were cleared, by their poses in order and the set-up."""
         return {}
 
     @cached_property
@@ -119,7 +124,7 @@ class PlanSearch:
             repeats=asked.repeats,
             noise_um=asked.noise_um,
             index=bool(asked.index),
-            known=self._seated,
+            known=self._laid,
         )
 
     def _fitted(self, rows: Rows) -> Rows:
@@ -135,11 +140,23 @@ class PlanSearch:
         machine = schedule.campaign.machine
         if any(name not in LETTERS for name in machine.axis_names):
             return schedule, Post(unsafe=schedule.unsafe, via=schedule.via)
-        detours = {name: moves.via for name, moves in schedule.moves.items()}
-        runs = schedule.campaign.runs
-        tested = {r.id: self._tested.setdefault((r.table_ball, r.tool_ball, r.length), Tested()) for r in runs}
-        post = cleared(machine, runs, schedule.unsafe, Post(via=schedule.via), detours, tested)
+        posts = [self._with_clear_ways(schedule, run) for run in schedule.campaign.runs]
+        post = posts[0]
+        for other in posts[1:]:
+            unsafe, via, ways = {**post.unsafe, **other.unsafe}, {**post.via, **other.via}, {**post.ways, **other.ways}
+            post = replace(post, unsafe=unsafe, via=via, ways=ways)
         return retimed(schedule, post), post
+
+    def _with_clear_ways(self, schedule: Schedule, run: Run) -> Post:
+        """The ways of one run's program, all of them clear."""
+        setup = run.table_ball, run.tool_ball, run.length
+        key = run.id, *setup, np.stack([*run.commands.values()]).tobytes()
+        if key not in self._cleared:
+            name, via = run.id, {run.id: schedule.via[run.id]} if run.id in schedule.via else {}
+            detours, tested = {name: schedule.moves[name].via}, {name: self._tested.setdefault(setup, Tested())}
+            machine, unsafe = schedule.campaign.machine, schedule.unsafe
+            self._cleared[key] = cleared(machine, [run], unsafe, Post(via=via), detours, tested)
+        return self._cleared[key]
 
     def _grid_in(self, rows: Rows) -> Candidates:
         """Poses of a grid in the set-ups of a design."""

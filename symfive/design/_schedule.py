@@ -19,7 +19,7 @@ from symfive.nc import Positions, Post, Seat, Way, arrival_times, outside_s
 from symfive.optimal import Rows, Task, Volume, inverse
 from symfive.procedures import Nominal
 
-__all__ = ["SETUP_S", "RunMoves", "Schedule", "on_ways", "retimed", "scheduled"]
+__all__ = ["SETUP_S", "Laid", "RunMoves", "Schedule", "on_ways", "retimed", "scheduled"]
 
 SETUP_S = 300.0
 """Time to place a nest or a ball and to mount the tool, before each run."""
@@ -57,63 +57,83 @@ class RunMoves:
         return self.seated.via(int(self.order[row - 1]), int(self.order[row]), self.sides[row], clear)
 
 
+@dataclass(frozen=True)
+class Laid:
+    """A run by itself: `run` starts when it is set up, `seconds` until it is done; its `moves`, the rows that lead `around` and
+    the intermediate positions `via` to others."""
+
+    run: Run
+    seconds: float
+    moves: RunMoves
+    around: tuple[int, ...]
+    via: dict[int, Way]
+
+
 def scheduled(
     space: Space, rows: Rows, *, returns: int, repeats: int, noise_um: float, index: bool = False,
-    known: dict[bytes, Seated] | None = None,
+    known: dict[tuple[str, bytes], list[Laid]] | None = None,
 ) -> Schedule:  # fmt: skip
     """Both orders (round trip; there and back) are laid out and the one with more information per minute is taken; `index`: the
-    first pose of every run is read once more with the spindle turned by 180°; `known` keeps the moves between a run's poses
-    for other designs that have them."""
-    seated = []
+    first pose of every run is read once more with the spindle turned by 180°; `known` keeps the runs that were laid out in
+    the same way for other designs that have them."""
+    known = {} if known is None else known
+    letter = {"r_test": "nest", "touch_probe": "sphere"}.get(space.instrument, "bar")
+    runs = []
     for g in range(rows.groups):
         z, k = rows.z[rows.group == g], rows.k[rows.group == g]
-        key, known = z.tobytes() + k.tobytes(), {} if known is None else known
-        known[key] = known[key].anew() if key in known else Seated(space, z, k)
-        seated.append(known[key])
-    orders = (lambda order: order, there_and_back)
-    plans = [_laid_out(space, rows, seated, order, returns, repeats, noise_um, index) for order in orders]
+        key = f"{letter}-{g + 1}", z.tobytes() + k.tobytes()
+        if key not in known:
+            seated, orders = Seated(space, z, k), (lambda order: order, there_and_back)
+            known[key] = [_laid_out(seated, key[0], order, returns, repeats, noise_um, index) for order in orders]
+        runs.append(known[key])
+    plans = [_joined(space, rows, laid, repeats) for laid in zip(*runs, strict=True)]
     # ψ of D per parameter falls by log(time) when twice the time is spent on readings, so time and efficiency compare
     return max(plans, key=lambda p: math.log(max(p.drift, 1e-9)) - math.log(p.seconds))
 
 
 def _laid_out(
-    space: Space, rows: Rows, seated: Sequence[Seated], ordering: Callable[[Indices], Indices], returns: int,
-    repeats: int, noise_um: float, index: bool,
-) -> Schedule:  # fmt: skip
-    runs: list[Run] = []
-    unsafe: dict[str, tuple[int, ...]] = {}
-    via: dict[str, dict[int, Way]] = {}
-    moves: dict[str, RunMoves] = {}
-    clock = 0.0
-    instants, places = [], []
-    letter = {"r_test": "nest", "touch_probe": "sphere"}.get(space.instrument, "bar")
-    for g, own in enumerate(seated):
-        mine = np.flatnonzero(rows.group == g)
-        order = np.repeat(_order(own, ordering, returns), repeats)
-        turned = np.zeros(len(order) + index)
-        if index:
-            order, turned[1] = np.insert(order, 1, order[0]), 180.0
-        name, first = f"{letter}-{g + 1}", mine[0]
-        run = Run(
-            id=name, instrument=(space.instrument,), sampling="static", time=np.arange(len(order), dtype=float),
-            commands={axis: values[order] for axis, values in own.commands.items()},
-            table_ball=space.table_ball(rows.z[first]), tool_ball=space.tool_ball(rows.z[first]),
-            length=float(rows.k[first, 0]) if space.instrument == "ball_bar" else None,
-            noise_um=noise_um, setup_sigma_um=space.setup_sigma, spindle=turned if index else None, options=space.options,
-        )  # fmt: skip
-        moves[name] = RunMoves(own, order, _sides(space.machine, run))
-        follows = _followed(space.machine, run, own.likely_moves(order, moves[name].sides), own.followed)
-        ways = {i: moves[name].via(i, follows) for i in range(1, len(order)) if order[i] != order[i - 1]}
-        unsafe |= {name: around} if (around := tuple(i for i, way in ways.items() if way is None)) else {}
-        via |= {name: bent} if (bent := {i: way for i, way in ways.items() if way}) else {}
-        run, clock = _timed(space.machine, run, Post(unsafe=unsafe, via=via), clock)
-        runs.append(run)
-        straight = turned == 0.0
+    own: Seated, name: str, ordering: Callable[[Indices], Indices], returns: int, repeats: int, noise_um: float, index: bool
+) -> Laid:  # fmt: skip
+    """The run of one set-up's poses in an order."""
+    space, z, k = own.space, own.z[0], own.k[0]
+    order = np.repeat(_order(own, ordering, returns), repeats)
+    turned = np.zeros(len(order) + index)
+    if index:
+        order, turned[1] = np.insert(order, 1, order[0]), 180.0
+    run = Run(
+        id=name, instrument=(space.instrument,), sampling="static", time=np.arange(len(order), dtype=float),
+        commands={axis: values[order] for axis, values in own.commands.items()},
+        table_ball=space.table_ball(z), tool_ball=space.tool_ball(z),
+        length=float(k[0]) if space.instrument == "ball_bar" else None,
+        noise_um=noise_um, setup_sigma_um=space.setup_sigma, spindle=turned if index else None, options=space.options,
+    )  # fmt: skip
+    moves = RunMoves(own, order, _sides(space.machine, run))
+    follows = _followed(space.machine, run, own.likely_moves(order, moves.sides), own.followed)
+    ways = {i: moves.via(i, follows) for i in range(1, len(order)) if order[i] != order[i - 1]}
+    around, via = tuple(i for i, way in ways.items() if way is None), {i: way for i, way in ways.items() if way}
+    post = Post(unsafe={name: around} if around else {}, via={name: via} if via else {})
+    return Laid(*_timed(space.machine, run, post, 0.0), moves, around, via)
+
+
+def _joined(space: Space, rows: Rows, laid: Sequence[Laid], repeats: int) -> Schedule:
+    """The runs of a design one after the other."""
+    runs, clock, instants, places = list[Run](), 0.0, [], []
+    for g, own in enumerate(laid):
+        run = replace(own.run, start_s=clock + own.run.start_s)
+        straight = np.ones(run.rows, dtype=bool) if run.spindle is None else run.spindle == 0.0
         instants.append((run.start_s + run.time)[straight])
-        places.append(mine[order][straight])
-    campaign = Campaign(machine=space.machine, runs=tuple(runs), name="plan")
+        places.append(np.flatnonzero(rows.group == g)[own.moves.order][straight])
+        runs.append(run)
+        clock += own.seconds
     drift = _drift(space, rows, np.concatenate(places), np.concatenate(instants), repeats)
-    return Schedule(campaign, clock, unsafe, via, moves, drift, rows)
+    unsafe, via = (
+        {own.run.id: own.around for own in laid if own.around},
+        {own.run.id: own.via for own in laid if own.via},
+    )
+    moves = {own.run.id: own.moves for own in laid}
+    return Schedule(
+        Campaign(machine=space.machine, runs=tuple(runs), name="plan"), clock, unsafe, via, moves, drift, rows
+    )
 
 
 def _followed(

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Sequence
-from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -66,12 +65,6 @@ class Seated:
             self.direct[first, last] = ~_leaves(space, z, k, first, last, BETWEEN if self.count <= MANY else FEWER)
         self._blocked: set[tuple[int, int]] = set()
         self.followed: dict[tuple[float, ...], bool] = {}
-
-    def anew(self) -> Seated:
-        """The same with no move refused; what was computed is kept."""
-        again = copy(self)
-        again._blocked = set()
-        return again
 
     @cached_property
     def times(self) -> Array:
