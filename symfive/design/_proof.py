@@ -22,7 +22,7 @@ from symfive.optimal import TINY, Cells, Cut, FirstCells, Layout, first_cells, s
 
 __all__ = ["Proved", "bounded_sensitivity"]
 
-MOST_CELLS, TOGETHER = 2_000_000, 20_000
+MOST_CELLS, TOGETHER = 2_000_000, 5_000
 KINKED = "tool and post"
 
 

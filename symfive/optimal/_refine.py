@@ -144,8 +144,12 @@ class Objective:
         own = self._narrow(pull @ whole)
         pulled = (pull @ slopes).reshape(n, nz, -1)
         block = pulled @ slopes.reshape(n, nz, -1).transpose(0, 2, 1) + self.kernel.curvature(z, self.rows.k, own)
-        np.add.at(hessian, (self.index[:, :, None], self.index[:, None, :]), -2.0 * block)
-        return np.asarray(hessian)
+        return np.asarray(hessian - 2.0 * self.gathered(block))
+
+    def gathered(self, blocks: Array) -> Array:
+        """Sum of matrices (n, nz, nz) of single rows in all that is decided (m, m)."""
+        places = self.index[:, :, None] * self.size + self.index[:, None, :]
+        return np.bincount(places.ravel(), blocks.ravel(), self.size**2).reshape(self.size, self.size)
 
     def _gram(self, moved: Array, still: Array) -> Array:
         """tr(∂F ∂F') of every two variables (m, m), from ∂J (n, nz, ny, p) and J (n, ny, p)."""
@@ -291,8 +295,7 @@ def refine(task: Task, kernel: Kernel, rows: Rows, lower: Array, upper: Array, *
     def hessian(x: Array, p: Array, weight: Array, multipliers: Array) -> tuple[Any, ...]:
         whole = weight[0] * objective.hessian(x)
         if ng and np.any(multipliers):
-            bent = kernel.limit_curvature(x[index], rows.k, multipliers.reshape(n, ng))
-            np.add.at(whole, (index[:, :, None], index[:, None, :]), bent)
+            whole += objective.gathered(kernel.limit_curvature(x[index], rows.k, multipliers.reshape(n, ng)))
         return (whole[hessian_rows, hessian_columns],)
 
     point = {"x": dense, "p": none}
