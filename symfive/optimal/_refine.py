@@ -149,7 +149,8 @@ class Objective:
     def gathered(self, blocks: Array) -> Array:
         """Sum of matrices (n, nz, nz) of single rows in all that is decided (m, m)."""
         places = self.index[:, :, None] * self.size + self.index[:, None, :]
-        return np.bincount(places.ravel(), blocks.ravel(), self.size**2).reshape(self.size, self.size)
+        summed = np.bincount(places.ravel(), blocks.ravel(), self.size**2)
+        return np.asarray(summed, dtype=float).reshape(self.size, self.size)
 
     def _gram(self, moved: Array, still: Array) -> Array:
         """tr(∂F ∂F') of every two variables (m, m), from ∂J (n, nz, ny, p) and J (n, ny, p)."""
