@@ -20,6 +20,8 @@ from symfive.runs import Campaign, Run
 
 READINGS = 2.5
 """Readings per cycle, at least (H. Nyquist 1928: 2)."""
+ROUNDING = float(np.sqrt(np.finfo(float).eps))
+"""Share of an axis' travel up to which a step is not motion but the rounding of computed positions: half the digits they have."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,8 +86,7 @@ def reach_and_shortest(runs: Iterable[Run], axis: str) -> tuple[float, float]:
     """How far an axis goes in some runs, and the shortest period that their readings resolve; mm or degree, (0, 0) where it
     stands."""
     ways = [np.asarray(run.commands[axis]) for run in runs]
-    steps = np.concatenate([np.abs(np.diff(way)) for way in ways])
-    if not (steps > 0.0).any():
-        return 0.0, 0.0
     reach = max(float(way.max()) for way in ways) - min(float(way.min()) for way in ways)
-    return reach, READINGS * float(np.median(steps[steps > 0.0]))
+    steps = np.concatenate([np.abs(np.diff(way)) for way in ways])
+    moved = steps[steps > ROUNDING * reach]
+    return (reach, READINGS * float(np.median(moved))) if len(moved) else (0.0, 0.0)
