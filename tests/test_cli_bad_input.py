@@ -9,7 +9,15 @@ import pytest
 import test_cli
 from test_cli import BAR, CAMPAIGNS, cell, refused, spoil
 
-symfive, fitted, small_plan = test_cli.symfive, test_cli.fitted, test_cli.small_plan  # fixtures
+symfive, small_plan = test_cli.symfive, test_cli.small_plan  # fixtures
+
+
+@pytest.fixture(scope="module")
+def fitted(tmp_path_factory) -> Path:
+    """Results of one identification, without figures."""
+    folder = tmp_path_factory.mktemp("cli") / "results"
+    assert test_cli.cli.main(["identify", str(test_cli.NESTS), "-o", str(folder), "-q", "--no-figures"]) == 0
+    return folder
 
 
 @pytest.fixture

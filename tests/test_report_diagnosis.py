@@ -95,8 +95,9 @@ NOTHING = [replace(drawing, draw=_nothing) for drawing in _save.FIGURES]
 
 @pytest.fixture
 def page_of(found, tmp_path, monkeypatch):
-    """The page of a diagnosis with one finding, without the figures of the identification."""
+    """The page of a diagnosis with one finding, without the figures of the identification, and none as a file."""
     monkeypatch.setattr(_diagnosis, "FIGURES", NOTHING)
+    monkeypatch.setattr(_diagnosis, "keep", lambda *_: None)
     return lambda finding: diagnosis_report(replace(found, findings=(finding,)), tmp_path).read_text()
 
 
