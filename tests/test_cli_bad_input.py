@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
-import shutil
 from pathlib import Path
 
+import cli_world
 import pytest
-import test_cli
-from test_cli import BAR, CAMPAIGNS, cell, refused, spoil
+from cli_world import BAR, CAMPAIGNS, NESTS, cell, refused, spoil
 
-symfive, fitted, small_plan = test_cli.symfive, test_cli.fitted, test_cli.small_plan  # fixtures
+import symfive.cli as cli
+
+symfive, small_plan, broken = cli_world.symfive, cli_world.small_plan, cli_world.broken  # fixtures
 
 
-@pytest.fixture
-def broken(tmp_path) -> Path:
-    """A small campaign to be spoilt."""
-    shutil.copytree(BAR, tmp_path / "bad")
-    return tmp_path / "bad"
+@pytest.fixture(scope="module")
+def fitted(tmp_path_factory) -> Path:
+    """Results of one identification, without figures."""
+    folder = tmp_path_factory.mktemp("cli") / "results"
+    assert cli.main(["identify", str(NESTS), "-o", str(folder), "-q", "--no-figures"]) == 0
+    return folder
 
 
 CELLS = [

@@ -154,7 +154,7 @@ def test_a_diagnosis_without_a_clock_finds_nothing_over_time() -> None:
 def two_nests(folder: Path, effects: list[dict]) -> tuple[Campaign, Campaign]:
     """Two R-tests of the independent plant, and the same without their clocks."""
     machine = plant.static_table()
-    poses = plant.grid_poses(np.arange(-90, 91, 45.0), np.arange(0, 316, 45.0))
+    poses = plant.grid_poses(np.arange(-90, 91, 45.0), np.arange(0, 316, 90.0))
     runs = [
         plant.r_test(machine, "nest1", nest=(90, -20, 50), poses=poses, start_s=0.0),
         plant.r_test(machine, "nest2", nest=(50, 40, 150), poses=poses, start_s=1500.0),
@@ -167,11 +167,11 @@ def two_nests(folder: Path, effects: list[dict]) -> tuple[Campaign, Campaign]:
 def test_a_slip_without_a_clock_is_found_at_its_row(tmp_path: Path) -> None:
     """The table ball of the second run slips by 5.4 µm between two readings of 0.4 µm."""
     shift = [4.0, -3.0, 2.0]
-    recorded, plan = two_nests(tmp_path, [{"effect": "setup_shift", "run": "nest2", "t_s": 400.0, "shift": shift}])
+    recorded, plan = two_nests(tmp_path, [{"effect": "setup_shift", "run": "nest2", "t_s": 200.0, "shift": shift}])
     found = diagnose(plan)
     (finding,) = found.findings
     assert finding.name == "setup_shift" and finding.confidence > 0.95 and finding.runs == ("nest2",)
-    first = int(np.flatnonzero(recorded.runs[1].time >= 400.0)[0])
+    first = int(np.flatnonzero(recorded.runs[1].time >= 200.0)[0])
     assert finding.coordinate == "row in nest2"
     assert finding.parameters["row"].value == first + 1 and "t_s" not in finding.parameters
     assert f"row {first + 1}" in finding.says and " s " not in finding.says

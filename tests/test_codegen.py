@@ -1,106 +1,24 @@
-"""Generated C: equal to the symbolic model, clean, guarded, in single precision too, and the same bytes every time."""
+"""Generated C: equal to the symbolic model in both directions, single precision and batches; what it refuses."""
 
 from __future__ import annotations
 
-import importlib.util
-import os
 import re
-import shutil
-import subprocess
-import sys
 from dataclasses import replace
 from functools import lru_cache
-from pathlib import Path
-from types import ModuleType
 
 import casadi as ca
+import codegen_world
 import numpy as np
 import pytest
+from codegen_world import EVERY, STRICT, TOOL, fitted, loaded, needs, run
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from symfive.codegen import TARGETS, Subject, codegen, subject_of
+from symfive.codegen import Subject, codegen, subject_of
 from symfive.errors import InputError
-from symfive.machine import EffectEntry, ErrorTerm, Machine, Structure, make_axis, preset, presets
-from symfive.model import FittedModel, write_model
+from symfive.machine import EffectEntry, ErrorTerm, Machine, Structure, make_axis, preset
 
-STRICT = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-pedantic", "-Wdouble-promotion", "-Wshadow", "-Werror")
-COMPILERS = ("gcc", "clang")
-TOOL = (1.5, -2.5, -120.0)
-LIBM = {"sin", "cos", "sincos", "tan", "asin", "acos", "atan", "atan2", "exp", "log", "sqrt", "pow", "fabs", "floor",
-        "ceil", "fmin", "fmax", "sinh", "cosh", "tanh"}  # fmt: skip
-
-
-def needs(*programs: str) -> None:
-    """Skip, and say why, where a program is not installed."""
-    for program in programs:
-        if shutil.which(program) is None:
-            pytest.skip(f"{program} is not installed")
-
-
-def compiles(compiler: str) -> bool:
-    """Whether a compiler finds the headers of its C library."""
-    return (
-        subprocess.run(
-            [compiler, "-xc", "-E", "-include", "stdio.h", "-"], input="", text=True, capture_output=True
-        ).returncode
-        == 0
-    )
-
-
-def run(*command: object, cwd: Path) -> str:
-    done = subprocess.run([str(word) for word in command], cwd=cwd, capture_output=True, text=True)
-    assert done.returncode == 0, f"{command}: {done.stdout[-2000:]}{done.stderr[-2000:]}"
-    return done.stdout
-
-
-def loaded(path: Path) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(f"loader_{path.parent.name.replace('-', '_')}", path)
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-def fitted(machine: Machine, seed: int = 0) -> FittedModel:
-    """A model as an identification leaves it, with drawn values."""
-    parameters = subject_of(machine).parameters
-    drawn = np.random.default_rng(seed).normal(size=len(parameters))
-    values = {p.name: float(round(v * p.sigma, 3)) for p, v in zip(parameters, drawn, strict=True)}
-    names = tuple(values)
-    return FittedModel(
-        machine=machine, effects=(), values=values, std=dict.fromkeys(names, 1.0), names=names,
-        units={p.name: p.unit for p in parameters}, covariance=np.eye(len(names)),
-    )  # fmt: skip
-
-
-class Compiled:
-    """Presets as C, generated and compiled when they are first asked for."""
-
-    def __init__(self, root: Path) -> None:
-        self._root = root
-        self._machines: dict[str, object] = {}
-
-    def folder(self, name: str) -> Path:
-        if not (self._root / name).exists():
-            codegen(fitted(preset(name)), self._root / name)
-        return self._root / name
-
-    def machine(self, name: str):
-        if name not in self._machines:
-            needs("gcc")
-            module = loaded(self.folder(name) / "sf.py")
-            self._machines[name] = module.Machine(module.build(compiler="gcc", flags=("-O0",)))
-        return self._machines[name]
-
-
-@pytest.fixture(scope="module")
-def compiled(tmp_path_factory: pytest.TempPathFactory) -> Compiled:
-    return Compiled(tmp_path_factory.mktemp("c"))
-
-
-LARGE = ("oyama-2010", "wang-li-2016")
-EVERY = [pytest.param(name, marks=pytest.mark.slow) if name in LARGE else name for name in presets()]
+compiled = codegen_world.compiled  # fixture
 
 
 def random_pose(subject: Subject, data: st.DataObject) -> np.ndarray:
@@ -212,117 +130,6 @@ def test_linear_axes_in_one_plane_reach_no_point(tmp_path) -> None:
             solve([1.0, 2.0, 3.0], TOOL, np.zeros(3))
 
 
-@pytest.mark.parametrize("precision", ["double", "float"])
-@pytest.mark.parametrize("compiler", COMPILERS)
-@pytest.mark.parametrize("name", ["head-bc"])
-def test_it_compiles_without_a_word_and_passes_its_self_test(compiled, name, compiler, precision) -> None:
-    _compile_and_test(compiled.folder(name), compiler, precision)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("precision", ["double", "float"])
-@pytest.mark.parametrize("compiler", COMPILERS)
-@pytest.mark.parametrize("name", presets())
-def test_every_preset_compiles_and_passes_its_self_test(compiled, name, compiler, precision) -> None:
-    _compile_and_test(compiled.folder(name), compiler, precision)
-
-
-def _compile_and_test(folder: Path, compiler: str, precision: str) -> None:
-    needs(compiler, "nm")
-    switch = ["-DSF_FLOAT"] if precision == "float" else []
-    run(compiler, *STRICT, *switch, "-O2", "-fno-pie", "-c", "sf.c", "-o", f"sf-{precision}.o", cwd=folder)
-    run(
-        compiler,
-        *STRICT,
-        *switch,
-        "-O2",
-        "sf_selftest.c",
-        f"sf-{precision}.o",
-        "-lm",
-        "-no-pie",
-        "-o",
-        "selftest",
-        cwd=folder,
-    )
-    assert "0 failures" in run("./selftest", cwd=folder)
-    imports = set(run("nm", "-u", f"sf-{precision}.o", cwd=folder).split()) - {"U", "memset", "memcpy"}
-    allowed = {f"{name}f" for name in LIBM} if precision == "float" else LIBM
-    assert imports <= allowed, f"{precision} imports {imports - allowed}"
-    defined = run("nm", f"sf-{precision}.o", cwd=folder)
-    assert not re.search(r" [BbDdC] ", defined), "there is a variable that outlives a call"
-
-
-def test_a_wrong_library_fails_its_self_test(compiled, tmp_path) -> None:
-    needs("gcc")
-    shutil.copytree(compiled.folder("three-axis"), tmp_path / "wrong")
-    source = tmp_path / "wrong" / "sf.c"
-    text = source.read_text()
-    changed = text.replace("(sf_real)(0.001)", "(sf_real)(0.0010001)", 1)
-    assert changed != text
-    source.write_text(changed)
-    run("gcc", "sf_selftest.c", "sf.c", "-lm", "-o", "selftest", cwd=source.parent)
-    done = subprocess.run(["./selftest"], cwd=source.parent, capture_output=True, text=True)
-    assert done.returncode == 1
-    assert "off by" in done.stdout
-
-
-def test_the_stack_stays_below_what_the_header_says(compiled) -> None:
-    needs("gcc")
-    folder = compiled.folder("table-bc")
-    said = dict(
-        re.findall(
-            r"\* +\(?(?:sf_)?(\w+)\)?: \d+ operations, \d+ live, at most (\d+) bytes", (folder / "sf.h").read_text()
-        )
-    )
-    assert {"forward", "parameter_jacobian", "real_slope"} <= set(said)
-    for level in ("-O0", "-O2"):
-        run("gcc", "-std=c99", level, "-fstack-usage", "-c", "sf.c", "-o", "stack.o", cwd=folder)
-        used = re.findall(r":(?:sf_)?(\w+)\t(\d+)\tstatic", next(folder.glob("*.su")).read_text())
-        for name, size in used:
-            if name in said:
-                assert int(size) <= int(said[name]), f"{name} at {level}"
-        path = ("inverse", "approach", "solve3", "largest", "real_slope")
-        assert sum(int(size) for name, size in used if name in path) <= int(said["real_slope"]) + 1000
-
-
-@pytest.mark.slow
-def test_cppcheck_finds_nothing_that_matters(compiled) -> None:
-    """MISRA C:2012 as far as cppcheck's addon goes; what remains belongs to checking one file alone."""
-    needs("cppcheck")
-    for precision in (["-USF_FLOAT"], ["-DSF_FLOAT"]):
-        done = subprocess.run(
-            ["cppcheck", "--std=c99", "--enable=warning,style,performance,portability", "--addon=misra", "--template={id}",
-             "--suppress=missingIncludeSystem", *precision, "sf.c"],
-            cwd=compiled.folder("head-bc"), capture_output=True, text=True,
-        )  # fmt: skip
-        found = {line for line in done.stderr.splitlines() if re.fullmatch(r"[\w.-]+", line)}
-        assert found <= {"misra-c2012-2.5", "misra-c2012-8.7", "misra-config", "normalCheckLevelMaxBranches"}, found
-
-
-@pytest.mark.slow
-def test_cmake_builds_and_tests_it(compiled, tmp_path) -> None:
-    needs("cmake", "gcc")
-    for switch in ("OFF", "ON"):
-        build = tmp_path / switch
-        run("cmake", "-S", compiled.folder("head-bc"), "-B", build, f"-DSF_FLOAT={switch}", cwd=tmp_path)
-        run("cmake", "--build", build, cwd=tmp_path)
-        assert "100% tests passed" in run("ctest", "--test-dir", build, cwd=tmp_path)
-
-
-@pytest.mark.parametrize("target", list(TARGETS))
-def test_the_same_model_gives_the_same_bytes(tmp_path, target) -> None:
-    model = fitted(preset("table-bc"))
-    write_model(model, tmp_path / "model.json")
-    first = codegen(model, tmp_path / "first", target=target)
-    second = codegen(tmp_path / "model.json", tmp_path / "second", target=target)
-    assert first and [p.name for p in first] == [p.name for p in second]
-    for one, other in zip(first, second, strict=True):
-        assert one.read_bytes() == other.read_bytes()
-        text = one.read_text()
-        assert text.endswith("\n") and not re.search(r"\b20[2-9]\d-\d\d-\d\d\b|/(tmp|home)/", text)
-        assert model.machine.name in text or target == "c" or one.suffix in (".hal", ".c")
-
-
 # ---- what the errors are made of
 
 
@@ -389,50 +196,6 @@ def test_bad_input_ends_in_one_sentence(tmp_path, source, more, says) -> None:
     with pytest.raises(InputError, match=re.escape(says)):
         codegen(source, tmp_path / "out", **more)
     assert not (tmp_path / "out").exists()
-
-
-# ---- wrapper and library
-
-
-@pytest.mark.parametrize("kind", ["Machine", "Batch"])
-def test_a_library_of_another_model_is_not_loaded(tmp_path, kind) -> None:
-    """Regenerated in the same folder: the library beside the wrapper is compiled anew, one that is named is refused."""
-    needs("gcc")
-    old, new = fitted(preset("table-bc")), fitted(preset("table-bc"), seed=1)
-    codegen(old, tmp_path / "c")
-    run(sys.executable, "-c", f"import sf; sf.{kind}()", cwd=tmp_path / "c")
-    (library,) = (tmp_path / "c").glob("lib*.so")
-    stale = Path(shutil.copy(library, tmp_path / "stale.so"))
-    codegen(new, tmp_path / "c", overwrite=True)
-    module = loaded(tmp_path / "c" / "sf.py")
-    with pytest.raises(module.WrongLibrary, match="another model"):
-        getattr(module, kind)(stale)
-    made = getattr(module, kind)()
-    assert module.MODEL.encode() in library.read_bytes() != stale.read_bytes()
-    q = np.array([10.0, 20.0, 0.3, 0.4, 30.0])
-    p = np.array([new.values[name] for name in module.PARAMETERS])
-    wanted = np.asarray(subject_of("table-bc").function()(q, TOOL, p)[0], dtype=float)[:, 0]
-    found = made.forward(q, TOOL)[0] if kind == "Machine" else made.forward(q[None], TOOL, p)[0]
-    assert found == pytest.approx(wanted, abs=1e-9)
-
-
-def test_a_library_that_others_could_have_written_is_not_loaded(compiled, tmp_path, monkeypatch) -> None:
-    needs("gcc")
-    module = loaded(compiled.folder("three-axis") / "sf.py")
-    library = module.build(tmp_path, compiler="gcc", flags=("-O0",))
-    module.Machine(library)
-    for mode in (0o775, 0o757):
-        library.chmod(mode)
-        with pytest.raises(module.WrongLibrary, match="others can write"):
-            module.Machine(library)
-    library.chmod(0o755)
-    owner = library.stat().st_uid
-    if owner:
-        monkeypatch.setattr(module.os, "getuid", lambda: owner + 1)
-    else:
-        os.chown(library, 12345, 0)
-    with pytest.raises(module.WrongLibrary, match="another user"):
-        module.Machine(library)
 
 
 # ---- the batch kernel

@@ -16,7 +16,7 @@ import pytest
 from scipy.optimize import minimize_scalar
 
 sys.path.insert(0, str(Path(__file__).parent))
-from test_codegen import LARGE, TOOL, Compiled, fitted, loaded, needs, run
+from codegen_world import LARGE, TOOL, Compiled, fitted, loaded, needs, run
 
 from symfive.codegen import codegen, subject_of
 from symfive.machine import preset, presets

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_codegen import TOOL, compiles, fitted, loaded, needs, run
+from codegen_world import TOOL, compiles, fitted, loaded, needs, run
 
 from symfive.codegen import codegen, subject_of
 from symfive.machine import preset

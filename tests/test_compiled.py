@@ -10,6 +10,7 @@ import re
 import subprocess
 import sys
 import threading
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
@@ -27,6 +28,7 @@ from compiled_world import (
     same,
     small,
 )
+from processes import ended
 
 from symfive.compiled import Mapped, _mapped, status
 from symfive.machine import preset
@@ -251,15 +253,17 @@ print(found.hexdigest(), status().compiled + status().loaded)
 @needs_compiler
 def test_two_processes_at_once(cache) -> None:
     command = [sys.executable, "-c", CONCURRENT]
-    both = [subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) for _ in range(2)]
-    for process in both:
-        assert process.stdout is not None and process.stdout.readline() == "ready\n"
-    for process in both:
-        assert process.stdin is not None
-        process.stdin.write("go\n")
-        process.stdin.flush()
-    said = [process.communicate(timeout=120)[0].split() for process in both]
-    assert [process.returncode for process in both] == [0, 0]
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+    with ExitStack() as stack:
+        both = [stack.enter_context(ended(subprocess.Popen(command, **pipes))) for _ in range(2)]
+        for process in both:
+            assert process.stdout is not None and process.stdout.readline() == "ready\n"
+        for process in both:
+            assert process.stdin is not None
+            process.stdin.write("go\n")
+            process.stdin.flush()
+        said = [process.communicate(timeout=120)[0].split() for process in both]
+        assert [process.returncode for process in both] == [0, 0]
     assert said[0] == said[1] and said[0][1] == "5"
     assert len(list(cache.iterdir())) == 5
     assert all(hashlib.sha256(path.read_bytes()).hexdigest() == path.stem for path in files(cache))

@@ -11,6 +11,7 @@ import casadi as ca
 import compiled_world
 import numpy as np
 import pytest
+from codegen_world import compiles
 from compiled_world import (
     HELD,
     POINTS,
@@ -22,7 +23,6 @@ from compiled_world import (
     small,
 )
 from effects_world import CASES, around, model_of
-from test_codegen import compiles
 from test_codegen_lanes import cpu_flags
 
 from symfive.campaign import read_campaign

@@ -147,7 +147,7 @@ def test_it_is_said_in_plan_json_on_the_sheet_and_on_the_screen(made: Plan, tmp_
 def test_g_and_v_are_the_worst_and_the_mean_along_the_path(folder: Path) -> None:
     """ψ of the certificate is twice the logarithm of what is expected along the path; G a p-mean of its typical places."""
     for criterion, tolerance in (("V", 1e-6), ("G", 0.03)):
-        options = QUICK | {"points": 8, "setups": 1, "returns": 0, "index": False, "criterion": criterion}
+        options = QUICK | {"points": 6, "setups": 1, "returns": 0, "index": False, "criterion": criterion}
         found = plan(location_only("table-bc"), part=folder / "pocket.ngc", **options)
         assert found.part is not None
         expected = found.part.after.expected
@@ -158,7 +158,7 @@ def test_g_and_v_are_the_worst_and_the_mean_along_the_path(folder: Path) -> None
 def test_indexing_is_chosen_where_it_pays(folder: Path) -> None:
     """The run-out of 20 µm is worth a pose a run, one of 0.1 µm is not."""
     for sigma, worth in ((20.0, True), (0.1, False)):
-        options = QUICK | {"points": 8, "setups": 1, "setup_sigma": SetupSigma(tool_ball=sigma)}
+        options = QUICK | {"points": 6, "setups": 1, "setup_sigma": SetupSigma(tool_ball=sigma)}
         found = plan(location_only("table-bc"), part=folder / "cone.ngc", **options)
         assert all((run.spindle is not None) is worth for run in found.campaign.runs)
         assert any("the spindle is indexed" in note for note in found.notes) is worth

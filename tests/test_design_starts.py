@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from processes import local_cluster
 
 from symfive.cli import main
 from symfive.design import Space, make_space, optimise, task_of
@@ -105,10 +106,8 @@ def test_a_design_is_the_same_when_workers_are_killed(
 def test_a_design_is_the_same_on_a_cluster(
     serial: tuple[Space, Task, tuple[bytes, ...], list[str]], tmp_path: Path
 ) -> None:
-    distributed = pytest.importorskip("distributed", reason="the extra dask is not installed")
     space, task, expected, _ = serial
-    own = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": ":0", "local_directory": str(tmp_path)}
-    with distributed.LocalCluster(**own) as running, connect(running.scheduler_address) as pool:
+    with local_cluster(tmp_path, n_workers=2) as running, connect(running.scheduler_address) as pool:
         assert _bits(space, task, pool) == expected
 
 

@@ -5,20 +5,19 @@ from __future__ import annotations
 
 import itertools
 import json
-import tomllib
-from collections.abc import Callable
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from plant import NoiseOptions, simulate_run
 from scipy.stats import chi2
+from sweeps_world import measured
 
-from symfive.campaign import Campaign, Run, SetupSigma, read_campaign, write_campaign_files
+from symfive.campaign import Campaign, Run, read_campaign, write_campaign_files
 from symfive.cli import main
-from symfive.design import Assessment, SweepPlan, _sweep_plan, assess, plan_sweeps
+from symfive.design import Assessment, SweepPlan, _sweep_plan, _sweep_search, assess, plan_sweeps
 from symfive.errors import InputError
 from symfive.identify import identify
 from symfive.inference import Noise
@@ -28,10 +27,22 @@ from symfive.procedures import DWELL_S, Nominal, through
 from tests.plan_checker import check
 
 MACHINE = "nutating-table"
-MINUTES, SPEED, SLOW = 7.0, 20.0, NoiseOptions(coloured_um=0.3, correlation_s=1.0)
-COLUMNS = {"r_test": ("dx_um", "dy_um", "dz_um"), "ball_bar": ("dL_um",)}
-DRAWN, FINE = 4, 20
-"""Machines, and instants per row at which the plant moves: it shifts readings by a delay along straight lines between these."""
+MINUTES, SPEED = 7.0, 20.0
+DRAWN = 4
+"""Machines that the plant draws."""
+COARSE = {"MOST_POSITIONS": 12, "FEWEST_LEVELS": 3, "SHAKES": 20, "HALVINGS": 2}
+SHIPPED = {name: getattr(_sweep_search, name) for name in COARSE}
+
+
+@pytest.fixture(scope="module", autouse=True)
+def coarse() -> Iterator[None]:
+    """The same search on fewer positions, with fewer steps, and a tenth of the sweeps that only a certificate looks at. Slow
+    tests run the search as it ships."""
+    with pytest.MonkeyPatch.context() as patch:
+        for name, size in COARSE.items():
+            patch.setattr(_sweep_search, name, size)
+        patch.setitem(_sweep_plan.INSTRUMENTS, "ball_bar", replace(_sweep_plan.INSTRUMENTS["ball_bar"], drawn=1_000))
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -41,11 +52,7 @@ def made() -> SweepPlan:
 
 @pytest.fixture(scope="module")
 def bar() -> SweepPlan:
-    """With a tenth of the sweeps drawn, which lie between the plan and its certificate."""
-    kind = replace(_sweep_plan.INSTRUMENTS["ball_bar"], drawn=1_000)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(_sweep_plan.INSTRUMENTS, "ball_bar", kind)
-        return plan_sweeps(MACHINE, instrument="ball_bar", minutes=MINUTES - 0.5, speeds=(SPEED,), rate_hz=10.0)
+    return plan_sweeps(MACHINE, instrument="ball_bar", minutes=MINUTES - 0.5, speeds=(SPEED,), rate_hz=10.0)
 
 
 @pytest.fixture(scope="module")
@@ -93,6 +100,20 @@ def test_plan_keeps_the_minutes_and_states_certificate_and_gain(made: SweepPlan)
     assert min(turned) >= 2.0 * SPEED  # two correlation times
     both_ways = {(bool(s > 0)) for s in np.diff(made.stops[0][:, -1]) if s}
     assert both_ways == {True, False}
+
+
+def _search_as_shipped(patch: pytest.MonkeyPatch) -> None:
+    for name, size in SHIPPED.items():
+        patch.setattr(_sweep_search, name, size)
+
+
+@pytest.mark.slow
+def test_the_search_as_it_ships_tells_more(made: SweepPlan, monkeypatch: pytest.MonkeyPatch) -> None:
+    _search_as_shipped(monkeypatch)
+    fine = plan_sweeps(MACHINE, minutes=MINUTES, speeds=(SPEED,), rate_hz=10.0)
+    assert fine.value < made.value
+    assert fine.certificate is not None and made.certificate is not None
+    assert fine.certificate.efficiency > 0.9 and fine.certificate.bound <= made.certificate.bound
 
 
 def test_bar_keeps_its_length_and_swings_while_the_table_turns(bar: SweepPlan) -> None:
@@ -282,64 +303,16 @@ def test_command_line_refuses_options_of_poses(tmp_path: Path, capsys: pytest.Ca
     assert "--points" in capsys.readouterr().err
 
 
-def _motion(terms: dict[str, float]) -> Callable[[np.ndarray], np.ndarray]:
-    """Harmonics of a turn, µm or µrad at degrees."""
-    waves = {"cos": np.cos, "sin": np.sin}
-    return lambda q: sum(size * waves[name[:3]](int(name[3:]) * np.radians(q)) for name, size in terms.items())
-
-
-def measured(folder: Path, seed: int) -> tuple[Campaign, dict[str, float]]:
-    """The plan read by the plant: errors, set-up and drives drawn from their priors, delay, slow noise."""
-    generator, plan = np.random.default_rng(seed), read_campaign(folder)
-    table = tomllib.loads((folder / "machine.toml").read_text(encoding="utf-8"))
-    expected = json.loads((folder / "plan.json").read_text())["expected"]
-    names = [name for name in expected if not name.startswith(("setup.", "latency.", "servo_mismatch."))]
-    truth = {name: float(expected[name]["prior_std"] * generator.standard_normal()) for name in names}
-    for axis in table["axes"].values():
-        axis["drive"]["position_gain"] *= 1.0 + 0.1 * generator.standard_normal()
-    motions = {
-        component: _motion({name.partition(".")[2]: v for name, v in truth.items() if name.startswith(f"{component}.")})
-        for component in {name.partition(".")[0] for name in names if "." in name}
-    }
-    location = {name: value for name, value in truth.items() if "." not in name}
-    runs = []
-    for number, run in enumerate(plan.runs):
-        spec = {**_spec(run), "setup_um": _setup(run, generator)}
-        delay = {"effect": "latency", "delay_ms": 5.0 * generator.standard_normal()}
-        own = 1000 * number + seed
-        read = simulate_run(
-            table, spec, location, motions, [delay], seed=own, noise_options=SLOW, oversample=FINE
-        ).values
-        runs.append(run.with_readings(dict(zip(COLUMNS[run.instrument[0]], read.T, strict=True))))
-    return Campaign(machine=plan.machine, runs=tuple(runs)), truth
-
-
-def _spec(run: Run) -> dict[str, Any]:
-    """A recording for the plant."""
-    return {
-        "id": run.id, "instrument": run.instrument[0], "sampling": "dynamic", "t_s": run.time, "command": run.commands,
-        "table_ball": run.table_ball, "tool_ball": run.tool_ball, "noise_um": run.noise_um, "length": run.length or 0.0,
-    }  # fmt: skip
-
-
-def _setup(run: Run, generator: np.random.Generator) -> dict[str, Any]:
-    """Set-up errors drawn; a nest's place is not known at all: its zero is."""
-    sigma, known = run.setup_sigma_um, run.length is not None
-    assert isinstance(sigma, SetupSigma)
-    return {
-        "table_ball": list(known * sigma.table_ball * generator.standard_normal(3)),
-        "length": known * sigma.length * generator.standard_normal(),
-        "zero": [] if known else list(150.0 * generator.standard_normal(3)),
-        "tool_ball": list(sigma.tool * generator.standard_normal(3)),
-    }
-
-
 def test_plant_is_identified_within_the_stated_uncertainty(folder: Path, made: SweepPlan) -> None:
     _compare_with_the_plant(folder, made)
 
 
 @pytest.mark.slow
-def test_plant_read_by_a_bar_is_identified_within_the_stated_uncertainty(bar: SweepPlan, tmp_path: Path) -> None:
+def test_plant_read_by_a_bar_is_identified_within_the_stated_uncertainty(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _search_as_shipped(monkeypatch)
+    bar = plan_sweeps(MACHINE, instrument="ball_bar", minutes=MINUTES - 0.5, speeds=(SPEED,), rate_hz=10.0)
     bar.write(tmp_path / "bar", nc=())
     _compare_with_the_plant(tmp_path / "bar", bar)
     campaign, _ = measured(tmp_path / "bar", 1)

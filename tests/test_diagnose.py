@@ -87,9 +87,9 @@ def test_a_backlash_that_the_fit_swallows_is_found_on_dynamic_recordings():
     assert finding.coordinate == "C velocity sign"
 
 
-def _simulated(tmp_path: Path, effects: list[dict], seed: int = 3) -> Diagnosis:
+def _simulated(tmp_path: Path, effects: list[dict], seed: int = 3, turn_deg: float = 45.0) -> Diagnosis:
     machine = plant.static_table()
-    poses = plant.grid_poses(np.arange(-90, 91, 45.0), np.arange(0, 316, 45.0))
+    poses = plant.grid_poses(np.arange(-90, 91, 45.0), np.arange(0, 316, turn_deg))
     runs = [
         plant.r_test(machine, "nest1", nest=(90, -20, 50), poses=poses, start_s=0.0),
         plant.r_test(machine, "nest2", nest=(50, 40, 150), poses=poses, start_s=1500.0),
@@ -101,7 +101,7 @@ def _simulated(tmp_path: Path, effects: list[dict], seed: int = 3) -> Diagnosis:
 BACKLASH = {"effect": "backlash", "axis": "B", "width": 40.0}
 SCALE = {"effect": "scale_error", "axis": "X", "ppm": 40.0}
 LATERAL = {"effect": "lateral_play", "axis": "B", "component": "EYB", "width": 6.0}
-SHIFT = {"effect": "setup_shift", "run": "nest2", "t_s": 400.0, "shift": [4.0, -3.0, 2.0]}
+SHIFT = {"effect": "setup_shift", "run": "nest2", "t_s": 200.0, "shift": [4.0, -3.0, 2.0]}
 DRIFT = {"effect": "thermal_drift", "amplitude": 12.0, "direction": [0.0, 0.6, 0.8], "time_constant_s": 900.0}
 CASES = {
     "backlash and scale": [(BACKLASH, "width"), (SCALE, "ppm")],
@@ -112,7 +112,7 @@ CASES = {
 
 @pytest.mark.parametrize("name", [n if n == "shift" else pytest.param(n, marks=pytest.mark.slow) for n in CASES])
 def test_effects_of_the_independent_plant_are_named(name, tmp_path):
-    result = _simulated(tmp_path, [effect for effect, _ in CASES[name]])
+    result = _simulated(tmp_path, [effect for effect, _ in CASES[name]], turn_deg=90.0 if name == "shift" else 45.0)
     found = {(f.name, f.axis): f.parameters for f in result.findings}
     assert len(result.findings) == len(found) and set(found) == {(e["effect"], e.get("axis")) for e, _ in CASES[name]}
     for effect, parameter in CASES[name]:

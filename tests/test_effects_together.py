@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from effects_world import assert_exact, campaign
 
-from symfive.effects import make_effect
+from symfive.effects import EFFECTS, Tone, make_effect
 from symfive.errors import InputError
 from symfive.machine import preset
 from symfive.model import Model, effect_to_data, effects_from_data, signature
 from symfive.motion import approach
 from symfive.posterior import candidates
-from symfive.procedures import campaign_of, planar_circle
+from symfive.procedures import campaign_of, planar_circle, r_test_grid
 
 COMBINED = [
     ("planar", [("friction", "X", {}), ("servo_mismatch", "X", {})], 0.03),
@@ -145,3 +145,19 @@ def test_what_acts_inside_the_position_loop_cannot_vary() -> None:
         make_effect("varying", of=make_effect("servo_mismatch", "X"), over="Y").prepare(campaign("planar"))
     with pytest.raises(InputError, match='varies over "Q", which is unknown'):
         make_effect("varying", of={"effect": "backlash", "axis": "X"}, over="Q").prepare(campaign("planar"))
+
+
+@pytest.mark.parametrize("step_deg", [15.0, 90.0])
+def test_no_period_is_sought_between_positions_that_only_rounding_tells_apart(step_deg: float) -> None:
+    """Linear axes that follow the table come back to a position with another last digit. Half of the steps at 90° were such ones:
+    cycles up to 1e13 per mm were to be tried, and a diagnosis ended for want of memory."""
+    machine = preset("tsutsumi-2007")
+    grid, *_ = r_test_grid(machine, step_deg=step_deg, returning=False)
+
+    def highest(commands: dict[str, np.ndarray]) -> dict[str | None, float]:
+        forms = EFFECTS["transmission_error"].candidates(campaign_of(machine, [replace(grid, commands=commands)]))
+        return {form.axis: form.highest for form in forms if isinstance(form, Tone)}
+
+    found = highest(dict(grid.commands))
+    assert found == pytest.approx(highest({axis: np.round(q, 9) for axis, q in grid.commands.items()}))
+    assert bool(found) == (step_deg < 90.0)  # of three positions there is none

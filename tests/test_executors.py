@@ -8,17 +8,18 @@ import signal
 import socket
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from processes import PATIENCE_S, ended, gone, local_cluster, until
 
+from symfive import executors
 from symfive.errors import InputError
 from symfive.executors import DEATHS, Inline, Processes, connect, executor, finished, results
 from symfive.identify import identify
@@ -27,6 +28,8 @@ from symfive.procedures import campaign_of, r_test_grid
 from symfive.simulate import simulate
 
 CASES = 12
+DASK_S = 30.0
+"""After which Dask itself gives up a scheduler that does not answer."""
 
 
 # --- tasks -------------------------------------------------------------------------------------------------
@@ -44,10 +47,10 @@ def machine(number: int) -> tuple[float, ...]:
     return (*result.values, *result.std)
 
 
-def noted(folder: Path, seconds: float, seed: int, number: int) -> tuple[float, ...]:
-    """A case that takes a while and leaves a mark where it began."""
+def noted(folder: Path, gate: Path, seed: int, number: int) -> tuple[float, ...]:
+    """A case that leaves a mark where it began, and ends once the gate is there."""
     (folder / f"{number}-{os.getpid()}").touch()
-    time.sleep(seconds)
+    until(gate.exists)
     return drawn(seed, number)
 
 
@@ -130,10 +133,13 @@ def test_fresh_processes_are_not_used_twice() -> None:
 
 
 def test_who_leaves_early_leaves_no_tasks_behind(tmp_path: Path) -> None:
+    marks, gate = tmp_path / "marks", tmp_path / "gate"
+    marks.mkdir()
     with Processes(1) as pool:
-        for _ in finished(pool, noted, [(tmp_path, 0.1, 1, number) for number in range(50)]):
+        for _ in finished(pool, noted, [(marks, gate if number else marks, 1, number) for number in range(50)]):
             break
-    assert len(list(tmp_path.iterdir())) < 10
+        gate.touch()
+    assert len(list(marks.iterdir())) <= 2, "the one that is done, and the one that had begun"
 
 
 @pytest.mark.slow
@@ -143,33 +149,14 @@ def test_processes_end_with_a_parent_that_is_killed(tmp_path: Path) -> None:
         "from pathlib import Path\n"
         "from test_executors import *\n"
         "if __name__ == '__main__':\n"
-        "    with Processes(1) as pool: list(finished(pool, noted, [(Path(sys.argv[2]), 60.0, 1, 0)]))\n"
+        "    with Processes(1) as pool: list(finished(pool, noted, [(Path(sys.argv[2]), Path('never'), 1, 0)]))\n"
     )
     (tmp_path / "parent.py").write_text(code)
     marks = tmp_path / "marks"
     marks.mkdir()
     with ended(subprocess.Popen([sys.executable, tmp_path / "parent.py", Path(__file__).parent, marks])):
-        [mark] = _until(lambda: list(marks.iterdir()), 60.0)
-    _until(lambda: not Path(f"/proc/{mark.name.split('-')[1]}").exists(), 10.0)
-
-
-@contextmanager
-def ended(process: subprocess.Popen[bytes]) -> Iterator[subprocess.Popen[bytes]]:
-    """A process that is killed where the block ends, also by a failure: no other test hears of it."""
-    with process:
-        try:
-            yield process
-        finally:
-            process.kill()
-
-
-def _until(ask: Any, seconds: float) -> Any:
-    """The first true answer."""
-    end = time.monotonic() + seconds
-    while not (answer := ask()):
-        assert time.monotonic() < end
-        time.sleep(0.05)
-    return answer
+        [mark] = until(lambda: list(marks.iterdir()))
+    until(lambda: gone(int(mark.name.split("-")[1])), 0.5 * PATIENCE_S)  # its case would end only then
 
 
 def test_sentences_of_what_cannot_be_had(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -181,16 +168,6 @@ def test_sentences_of_what_cannot_be_had(monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 # --- on a Dask cluster -------------------------------------------------------------------------------------
-@contextmanager
-def local_cluster(folder: Path, **options: Any) -> Iterator[Any]:
-    """Worker processes of a real scheduler on this computer."""
-    distributed = pytest.importorskip("distributed", reason="the extra dask is not installed")
-    own = {"threads_per_worker": 1, "dashboard_address": ":0", "local_directory": str(folder)}
-    with distributed.LocalCluster(**own | options) as running:
-        yield running
-        _until(lambda: len(running.scheduler.workers) == len(running.workers), 60.0)  # Dask cannot end what it restarts
-
-
 @pytest.fixture(scope="module")
 def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
     with local_cluster(tmp_path_factory.mktemp("dask"), n_workers=3) as running:
@@ -209,18 +186,20 @@ def test_a_monte_carlo_is_the_same_on_the_cluster(cluster: Any) -> None:
 
 @pytest.mark.slow
 def test_a_worker_killed_in_the_middle_loses_nothing(cluster: Any, tmp_path: Path) -> None:
-    outcomes, victim = {}, ""
-    with connect(cluster.scheduler_address) as pool:
-        for number, outcome in finished(pool, noted, [(tmp_path, 0.8, 5, number) for number in range(CASES)]):
-            outcomes[number] = outcome
-            if not victim:
-                time.sleep(0.2)  # the worker has begun its next case
-                victim = max(tmp_path.iterdir(), key=lambda mark: mark.stat().st_mtime_ns).name
-                os.kill(int(victim.split("-")[1]), signal.SIGKILL)
-    assert [outcomes[number] for number in range(CASES)] == serial(drawn, 5)
-    case, pid = victim.split("-")
-    again = {mark.name.split("-")[1] for mark in tmp_path.glob(f"{case}-*")}
-    assert again > {pid}, "the case of the killed worker was begun a second time, elsewhere"
+    marks, gate = tmp_path / "marks", tmp_path / "gate"
+    marks.mkdir()
+
+    def kill() -> str:
+        case, pid = until(lambda: list(marks.iterdir()))[0].name.split("-")
+        os.kill(int(pid), signal.SIGKILL)
+        until(lambda: gone(int(pid)))
+        gate.touch()  # no case ended before
+        return case
+
+    with ThreadPoolExecutor(1) as beside, connect(cluster.scheduler_address) as pool:
+        killed = beside.submit(kill)
+        assert whole(pool, noted, [(marks, gate, 5, number) for number in range(CASES)]) == serial(drawn, 5)
+    assert len(list(marks.glob(f"{killed.result()}-*"))) == 2, "the case was begun a second time, elsewhere"
 
 
 @pytest.mark.slow
@@ -239,12 +218,15 @@ def test_a_lost_scheduler_is_one_sentence(tmp_path: Path) -> None:
     file = tmp_path / "scheduler.json"
     words = ("-m", "dask", "scheduler", "--port", "0", "--no-dashboard", "--scheduler-file", str(file))
     with ended(subprocess.Popen([sys.executable, *words], stderr=subprocess.DEVNULL)) as scheduler:
-        said = _until(lambda: file.is_file() and file.read_text(), 60.0)  # the file is there before its words are
+        said = until(lambda: file.is_file() and file.read_text())  # the file is there before its words are
         with connect(json.loads(said)["address"]) as pool:
-            outcomes = finished(pool, os.getpid, [(), ()])  # they wait: there is no worker
-            threading.Timer(0.5, scheduler.kill).start()
+
+            def tasks() -> Iterator[tuple[()]]:
+                yield from [(), ()]  # they wait: there is no worker
+                scheduler.kill()
+
             with pytest.raises(InputError, match="scheduler is gone; start it again and repeat the command"):
-                next(outcomes)
+                next(finished(pool, os.getpid, tasks()))
 
 
 @pytest.mark.slow
@@ -256,8 +238,9 @@ def test_workers_of_several_threads_are_refused(tmp_path: Path) -> None:
         connect(running.scheduler_address)
 
 
-def test_an_address_without_a_scheduler_ends_in_one_sentence_soon() -> None:
+def test_an_address_without_a_scheduler_ends_in_one_sentence_soon(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed", reason="the extra dask is not installed")
+    monkeypatch.setattr(executors, "ANSWER_S", 2.0)
     with socket.socket() as silent:
         silent.bind(("127.0.0.1", 0))
         silent.listen()
@@ -266,4 +249,4 @@ def test_an_address_without_a_scheduler_ends_in_one_sentence_soon() -> None:
             with pytest.raises(InputError, match=r"no Dask scheduler answers at .*; start one with") as error:
                 connect(address)
             assert "\n" not in str(error.value)
-        assert time.monotonic() - begin < 10.0
+        assert time.monotonic() - begin < DASK_S

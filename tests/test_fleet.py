@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from processes import local_cluster
 
 from symfive import cli
 from symfive.campaign import write_campaign
@@ -218,18 +219,14 @@ def test_local_processes_give_the_same_with_one_killed(machines: Path, serial: P
 
 @pytest.mark.slow
 def test_a_dask_cluster_gives_the_same_with_one_worker_killed(machines: Path, serial: Path, tmp_path: Path) -> None:
-    distributed = pytest.importorskip("distributed", reason="the extra dask is not installed")
-    options = {"threads_per_worker": 1, "dashboard_address": ":0", "local_directory": str(tmp_path / "dask")}
-    with distributed.LocalCluster(n_workers=2, **options) as cluster:
+    with local_cluster(tmp_path / "dask", n_workers=2) as cluster:
         pool = connect(cluster.scheduler_address)
         same(machines, tmp_path / "results", serial, pool, lambda: cluster.workers[0].pid)
 
 
 @pytest.mark.slow
 def test_the_command_with_a_scheduler(machines: Path, serial: Path, tmp_path: Path, capsys: Any) -> None:
-    distributed = pytest.importorskip("distributed", reason="the extra dask is not installed")
-    options = {"threads_per_worker": 1, "dashboard_address": ":0", "local_directory": str(tmp_path / "dask")}
-    with distributed.LocalCluster(n_workers=1, **options) as cluster:
+    with local_cluster(tmp_path / "dask", n_workers=1) as cluster:
         words = ["fleet", str(machines), "-o", str(tmp_path / "results"), "--no-figures", "--json", "-q"]
         assert cli.main([*words, "--scheduler", cluster.scheduler_address]) == 0
     data = json.loads(capsys.readouterr().out)

@@ -32,6 +32,7 @@ def circles(
     effects: Sequence[dict[str, Any]] = (),
     instrument: str = "ball_bar",
     lag: float = LAG_S,
+    interval_s: float = 0.04,
 ) -> Campaign:
     """Circles both ways at two feeds by the independent plant, read with a machine file that states no drive: the axes `slow`
     follow late by `lag` s, the others exactly."""
@@ -40,7 +41,7 @@ def circles(
         axis.pop("drive", None)
         if name in slow:
             axis["drive"] = LOOP | {"position_gain": 1.0 / lag}
-    path = {"sweep_deg": 360.0, "centre": (20.0, -10.0, 80.0), "instrument": instrument, "dt": 0.04}
+    path = {"sweep_deg": 360.0, "centre": (20.0, -10.0, 80.0), "instrument": instrument, "dt": interval_s}
     runs = [
         plant.planar_circle(machine, f"{name}-{feed:.0f}", feed=feed, direction=sign, **path)
         for feed in (1000.0, 3000.0)
@@ -96,7 +97,7 @@ def test_where_a_recording_begins_in_motion_the_lag_has_settled(still: Campaign)
 
 
 def test_a_concealed_loop_is_named_with_its_gain(tmp_path: Path) -> None:
-    found = diagnose(circles(tmp_path, slow=["Y"]))
+    found = diagnose(circles(tmp_path, slow=["Y"], interval_s=0.16))
     (finding,) = found.findings
     assert (finding.name, finding.axis, finding.confidence > 0.9) == ("servo_mismatch", "Y", True)
     gain = finding.parameters["position_gain"]

@@ -8,13 +8,13 @@ import re
 import shutil
 import subprocess
 import sys
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from processes import PATIENCE_S, ended, gone, until
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
@@ -223,15 +223,10 @@ def test_without_rights_or_beside_another_one_it_does_not_start(monkeypatch, tmp
 
 def test_nothing_is_left_running() -> None:
     process = subprocess.Popen(["sh", "-c", "sleep 60 & echo $!; wait"], stdout=subprocess.PIPE, start_new_session=True)
-    child = int(process.stdout.readline())
-    controller._stop(process)
-    process.stdout.close()
-    for _ in range(100):
-        state = Path(f"/proc/{child}/stat")
-        if not state.exists() or state.read_text().split()[2] == "Z":
-            return
-        time.sleep(0.02)
-    raise AssertionError("the child is still running")
+    with ended(process):
+        child = int(process.stdout.readline())
+        controller._stop(process)
+        until(lambda: gone(child), 0.5 * PATIENCE_S)  # it would end by itself only then
 
 
 # --- LinuxCNC itself -------------------------------------------------------------------------------------------

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from lean import location_only
 from plant.campaign import write_campaign as write_concealed
 from plant.machines import static_table
 from plant.paths import r_test
@@ -160,7 +161,8 @@ def test_a_drift_that_new_set_up_errors_absorb_is_found_behind_a_ball_that_stays
 
 
 def test_a_plan_says_what_it_counts_on_and_the_sheet_what_to_do(tmp_path: Path) -> None:
-    made = plan("table-bc", instrument="r_test", points=16, setups=2, starts=1, prove=False)
+    machine = location_only("table-bc")
+    made = plan(machine, instrument="r_test", points=8, setups=2, starts=1, anywhere=False, prove=False)
     (note,) = [note for note in made.notes if "mounted anew" in note]
     stays = tuple(replace(run, mounting=SPINDLE) for run in made.campaign.runs)
     then = assess(replace(made.campaign, runs=stays)).sigma
@@ -170,7 +172,7 @@ def test_a_plan_says_what_it_counts_on_and_the_sheet_what_to_do(tmp_path: Path) 
     assert made.assessment.sigma[name[1]] == pytest.approx(float(name[3]), rel=0.01)
     made.write(tmp_path / "plan")
     assert "out of the spindle and put it back" in (tmp_path / "plan" / "setup.html").read_text()
-    alone = plan("table-bc", instrument="r_test", points=16, setups=1, starts=1, prove=False)
+    alone = plan(machine, instrument="r_test", points=8, setups=1, starts=1, anywhere=False, prove=False)
     assert not any("mounted anew" in note for note in alone.notes)
 
 

@@ -51,7 +51,7 @@ def test_two_turns_between_radial_feed_in_and_out(dialect: str) -> None:
 @pytest.mark.parametrize("plane", ["XY", "YZ", "ZX"])
 def test_the_checker_finds_nothing_in_circles(name: str, plane: str, tmp_path: Path) -> None:
     machine = preset(name)
-    runs = planar_circle(machine, plane=plane, radius=50.0, feed=(500.0, 3000.0), rate_hz=10.0)
+    runs = planar_circle(machine, plane=plane, radius=50.0, feed=(1500.0, 3000.0), rate_hz=10.0)
     found = check(written(tmp_path / "plan", machine, runs))
     assert found == [], "\n".join(map(str, found))
 

@@ -95,9 +95,10 @@ NOTHING = [replace(drawing, draw=_nothing) for drawing in _save.FIGURES]
 
 @pytest.fixture
 def page_of(found, tmp_path, monkeypatch):
-    """The page of a diagnosis with one finding, without the figures of the identification."""
+    """The page of a diagnosis with some findings, without the figures of the identification, and none as a file."""
     monkeypatch.setattr(_diagnosis, "FIGURES", NOTHING)
-    return lambda finding: diagnosis_report(replace(found, findings=(finding,)), tmp_path).read_text()
+    monkeypatch.setattr(_diagnosis, "keep", lambda *_: None)
+    return lambda *findings: diagnosis_report(replace(found, findings=findings), tmp_path).read_text()
 
 
 @pytest.fixture(scope="module")
@@ -329,20 +330,21 @@ def test_the_affected_link_follows_the_stage(found, stage, axis, part):
     assert "affected" not in chain_picture(machine, [], "chain")
 
 
-@pytest.mark.parametrize(
-    ("coordinate", "labels"),
-    [
-        ("B velocity sign", ["B / °"]), ("X velocity", ["velocity of X / (mm/s)"]), ("t", ["time of the campaign / min"]),
-        ("X acceleration", ["acceleration of X / (mm/s²)"]), ("pose", ["row of the campaign, in the order of the runs"]),
-        ("B, C", ["B / °", "C over one revolution / °"]),
-    ],
-)  # fmt: skip
-def test_coordinates_are_drawn_with_their_units(found, page_of, coordinate, labels):
-    drawn = page_of(replace(found.findings[1], coordinate=coordinate)).partition('<figure id="finding-1-residual"')[2]
-    words = Page(drawn.partition("</figure>")[0]).words.replace(" over one revolution", "")
-    for label in labels:
-        assert label.replace(" over one revolution", "") in words
-    assert ("B moving down" in words) == (coordinate == "B velocity sign")
+COORDINATES = {
+    "B velocity sign": ["B / °"], "X velocity": ["velocity of X / (mm/s)"], "t": ["time of the campaign / min"],
+    "X acceleration": ["acceleration of X / (mm/s²)"], "pose": ["row of the campaign, in the order of the runs"],
+    "B, C": ["B / °", "C over one revolution / °"],
+}  # fmt: skip
+
+
+def test_coordinates_are_drawn_with_their_units(found, page_of):
+    page = page_of(*(replace(found.findings[1], coordinate=coordinate) for coordinate in COORDINATES))
+    for number, (coordinate, labels) in enumerate(COORDINATES.items(), start=1):
+        drawn = page.partition(f'<figure id="finding-{number}-residual"')[2]
+        words = Page(drawn.partition("</figure>")[0]).words.replace(" over one revolution", "")
+        for label in labels:
+            assert label.replace(" over one revolution", "") in words, coordinate
+        assert ("B moving down" in words) == (coordinate == "B velocity sign")
 
 
 def test_lost_rows_are_named_by_file_and_row(found):

@@ -12,15 +12,22 @@ from symfive.campaign import Campaign
 from symfive.diagnose import diagnose
 from symfive.effects import make_effect
 from symfive.identify import identify, wiring_doubts
-from symfive.machine import preset
+from symfive.machine import Machine, preset
 from symfive.procedures import campaign_of, r_test_grid
 from symfive.report import diagnosis_text
 from symfive.simulate import simulate
 
 COLUMNS = ("dx_um", "dy_um", "dz_um")
+
+
+def planned(machine: Machine) -> Campaign:
+    """One grid of nests, in two runs."""
+    grid, *_ = r_test_grid(machine, step_deg=60.0, returning=False)
+    return campaign_of(machine, [replace(grid, id=name, file=f"{name}.csv") for name in ("one", "two")])
+
+
 MACHINE = preset("tsutsumi-2007")
-GRID = r_test_grid(MACHINE, step_deg=60.0, returning=False)[0]
-PLAN = campaign_of(MACHINE, [replace(GRID, id=name, file=f"{name}.csv") for name in ("one", "two")])
+PLAN = planned(MACHINE)
 
 
 def wired(campaign: Campaign, order: tuple[str, str, str], signs: tuple[float, float, float], *runs: str) -> Campaign:
@@ -78,6 +85,5 @@ def test_missing_physics_is_no_wiring(effect) -> None:
 
 
 def test_the_next_step_of_a_diagnosis_is_the_wiring() -> None:
-    few = replace(PLAN, machine=location_only("tsutsumi-2007"))
-    measured = wired(simulate(few, seed=2).campaign, COLUMNS, (-1.0, 1.0, 1.0), "one")
+    measured = wired(simulate(planned(location_only("table-bc")), seed=2).campaign, COLUMNS, (-1.0, 1.0, 1.0), "one")
     assert "Next: run one: dx reversed in sign" in " ".join(diagnosis_text(diagnose(measured)).split())

@@ -25,6 +25,8 @@ FINER, MANY = 8.0, 500
 """By how much uneven targets (ISO 230-2) may resolve shorter periods than even ones; positions that are no targets any more."""
 ALIKE = 0.999
 """Mean of exp(2πi·f·position), as a share of that at 0, from which on a frequency reads like 0: of even targets 1 at 1/step."""
+ROUNDING = float(np.sqrt(np.finfo(float).eps))
+"""Share of an axis' travel up to which a step is not motion but the rounding of computed positions: half the digits they have."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,11 +91,12 @@ def reach_and_shortest(runs: Iterable[Run], axis: str) -> tuple[float, float]:
     """How far an axis goes in some runs, and the shortest period that their readings resolve; mm or degree, (0, 0) where it
     stands."""
     ways = [np.asarray(run.commands[axis]) for run in runs]
-    steps = np.concatenate([np.abs(np.diff(way)) for way in ways])
-    if not (steps > 0.0).any():
-        return 0.0, 0.0
     reach = max(float(way.max()) for way in ways) - min(float(way.min()) for way in ways)
-    usual = float(np.median(steps[steps > 0.0]))
+    steps = np.concatenate([np.abs(np.diff(way)) for way in ways])
+    moved = steps[steps > ROUNDING * reach]
+    if not len(moved):
+        return 0.0, 0.0
+    usual = float(np.median(moved))
     return reach, READINGS * usual / _uneven(np.unique(np.concatenate(ways)), usual)
 
 
