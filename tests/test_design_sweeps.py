@@ -18,11 +18,12 @@ from scipy.stats import chi2
 
 from symfive.campaign import Campaign, Run, SetupSigma, read_campaign, write_campaign_files
 from symfive.cli import main
-from symfive.design import Assessment, SweepPlan, _sweep_plan, assess, plan_sweeps
+from symfive.design import Assessment, SweepPlan, _sweep_plan, assess, make_space, plan_sweeps
+from symfive.design._sweeps import Sweeps
 from symfive.errors import InputError
 from symfive.identify import identify
 from symfive.inference import Noise
-from symfive.machine import preset
+from symfive.machine import EffectEntry, preset
 from symfive.nc import Post, program
 from symfive.procedures import DWELL_S, Nominal, through
 from tests.plan_checker import check
@@ -81,6 +82,29 @@ def test_a_row_just_before_a_stop_is_the_stop(short: float) -> None:
     steps = np.abs(np.diff(q[:, 0]))
     assert steps[: -round(DWELL_S * 10.0)].min() > 1e-4
     assert q[:, 0].max() == 20.0 * (whole - 0.5)
+
+
+@pytest.mark.parametrize(("instrument", "play"), [("ball_bar", False), ("r_test", False), ("r_test", True)])
+def test_sweeps_computed_together_are_those_computed_alone(instrument: str, play: bool) -> None:
+    """Between two sweeps computed together the axes jump: neither drives, noise nor a play may remember the one before."""
+    machine = preset(MACHINE)
+    if play:
+        machine = replace(machine, effects=(*machine.effects, EffectEntry(effect="backlash", axis="C")))
+    space = make_space(machine, instrument)
+    setup, noise = (space.lower + space.upper)[space.poses :] / 2.0, Noise(0.3, 0.3, 1.0)
+    alone, together = (Sweeps(space, setup, max(space.lengths), noise, 20.0) for _ in range(2))
+    ends = np.round(np.random.default_rng(0).uniform(alone.low, alone.high, (60, 2, len(alone.low))), 2)
+    pairs = [(before, after) for before, after in ends]
+    found = together.all_between(pairs, SPEED)
+    assert 10 < sum(sweep is not None for sweep in found) < len(pairs)
+    for pair, sweep in zip(pairs, found, strict=True):
+        one = alone.between(*pair, SPEED)
+        if sweep is None or one is None:
+            assert sweep is one
+            continue
+        sizes = np.sqrt(np.diag(one.matrix)) + 1e-300
+        assert sweep.seconds == one.seconds
+        assert sweep.matrix / np.outer(sizes, sizes) == pytest.approx(one.matrix / np.outer(sizes, sizes), abs=1e-6)
 
 
 def test_plan_keeps_the_minutes_and_states_certificate_and_gain(made: SweepPlan) -> None:

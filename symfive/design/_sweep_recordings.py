@@ -60,9 +60,9 @@ def _sample(positions: Array) -> Array:
 def best_speed(sweeps: Sweeps, goal: Goal, speeds: Sequence[float], seconds: float) -> float:
     """The speed on which the best weights spend most of the time, of some sweeps at every speed. Raises `InputError` where no
     sweep is possible."""
-    for a, b in _sample(positions_of(sweeps)[0]):
-        for speed in speeds:
-            sweeps.between(a, b, speed)
+    pairs = [(a, b) for a, b in _sample(positions_of(sweeps)[0])]
+    for speed in speeds:
+        sweeps.all_between(pairs, speed)
     offered = sweeps.offered
     if not offered:
         raise InputError("no sweep is clear of all limits", remedy=REMEDY)

@@ -26,6 +26,8 @@ MOST_POSITIONS, FEWEST_LEVELS = 48, 5
 EXACT = 6
 """Changes of a way that are computed, of all that are ranked."""
 LEAST_GAIN = 1e-6
+AT_ONCE = 64
+"""Random sweeps that are computed before the first of them is needed."""
 SHAKES, MOST_LEFT_OUT = 60, 6
 """How often part of the best way is left out, and how many of its positions at most."""
 HALVINGS = 4
@@ -75,18 +77,19 @@ def draw(sweeps: Sweeps, count: int, speed: float) -> Iterator[Sweep]:
         start, there = np.round(generator.uniform(sweeps.low, sweeps.high, (2, len(sweeps.low))), DIGITS)
         pairs.append((start, np.where(generator.random(len(start)) < 0.5, start, there)))
     ends = np.array(pairs)
-    for start, there in ends[sweeps.reachable(ends[:, 0]) & sweeps.reachable(ends[:, 1])] if count else ():
-        found = sweeps.between(start, there, speed)
-        if found is not None:
-            yield found
+    possible = ends[sweeps.reachable(ends[:, 0]) & sweeps.reachable(ends[:, 1])] if count else ends
+    for first in range(0, len(possible), AT_ONCE):
+        some = [(start, there) for start, there in possible[first : first + AT_ONCE]]
+        yield from (found for found in sweeps.all_between(some, speed) if found is not None)
 
 
 def grid_of(sweeps: Sweeps, positions: Array, step: Array, ends: Flags, speed: float) -> Grid:
     """All sweeps between positions of a grid."""
     n, k = len(positions), len(sweeps.start)
     matrices, seconds = np.zeros((n, n, k, k)), np.full((n, n), math.inf)
-    for a, b in itertools.permutations(range(n), 2):
-        found = sweeps.between(positions[a], positions[b], speed)
+    pairs = list(itertools.permutations(range(n), 2))
+    offered = sweeps.all_between([(positions[a], positions[b]) for a, b in pairs], speed)
+    for (a, b), found in zip(pairs, offered, strict=True):
         if found is not None:
             matrices[a, b], seconds[a, b] = found.matrix, found.seconds
     return Grid(positions, matrices, seconds, step, ends)
