@@ -21,8 +21,9 @@ from symfive.design._sweeps import Sweep, Sweeps
 
 __all__ = ["Grid", "best_way", "draw", "grid_of", "positions_of", "refined_way"]
 
-POSITIONS, MOST_TRIED = 80, 50
-"""Positions between any two of which a sweep is offered, and how many times as many are tried for them."""
+POSITIONS, OF_A_BAR, MOST_TRIED = 48, 80, 50
+"""Positions between any two of which a sweep is offered, of a bar with its two variables more, and how many times as many are
+tried for them."""
 EXACT = 6
 """Changes of a way that are computed, of all that are ranked."""
 LEAST_GAIN = 1e-6
@@ -57,9 +58,10 @@ class Grid:
 def positions_of(sweeps: Sweeps) -> Array:
     """Random positions (n, variables), degree, inside all limits."""
     generator, found = np.random.default_rng(0), np.zeros((0, len(sweeps.low)))
+    count = OF_A_BAR if sweeps.bar else POSITIONS
     for _ in range(MOST_TRIED):
-        drawn = np.round(generator.uniform(sweeps.low, sweeps.high, (POSITIONS, len(sweeps.low))), DIGITS)
-        found = np.concatenate([found, drawn[sweeps.reachable(drawn)]])[:POSITIONS]
+        drawn = np.round(generator.uniform(sweeps.low, sweeps.high, (count, len(sweeps.low))), DIGITS)
+        found = np.concatenate([found, drawn[sweeps.reachable(drawn)]])[:count]
     return found
 
 
