@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from symfive.design import Circle, CircleShape, plan_circles
-from symfive.design._circle_certificate import relaxed_bound  # brute force needs circles without a machine
 from symfive.design._circles import Goal  # as above
+from symfive.design._optimal_weights import relaxed_bound  # brute force needs circles without a machine
 from symfive.effects import make_effect
 from symfive.machine import preset
 from symfive.optimal import criterion_of

@@ -17,11 +17,12 @@ from sweeps_world import measured
 
 from symfive.campaign import Campaign, Run, read_campaign, write_campaign_files
 from symfive.cli import main
-from symfive.design import Assessment, SweepPlan, _sweep_plan, _sweep_search, assess, plan_sweeps
+from symfive.design import Assessment, SweepPlan, _sweep_plan, _sweep_search, assess, make_space, plan_sweeps
+from symfive.design._sweeps import Sweeps
 from symfive.errors import InputError
 from symfive.identify import identify
 from symfive.inference import Noise
-from symfive.machine import preset
+from symfive.machine import EffectEntry, preset
 from symfive.nc import Post, program
 from symfive.procedures import DWELL_S, Nominal, through
 from tests.plan_checker import check
@@ -30,7 +31,7 @@ MACHINE = "nutating-table"
 MINUTES, SPEED = 7.0, 20.0
 DRAWN = 4
 """Machines that the plant draws."""
-COARSE = {"MOST_POSITIONS": 12, "FEWEST_LEVELS": 3, "SHAKES": 20, "HALVINGS": 2}
+COARSE = {"POSITIONS": 24, "OF_A_BAR": 24, "SHAKES": 20, "HALVINGS": 2}
 SHIPPED = {name: getattr(_sweep_search, name) for name in COARSE}
 
 
@@ -88,6 +89,29 @@ def test_a_row_just_before_a_stop_is_the_stop(short: float) -> None:
     steps = np.abs(np.diff(q[:, 0]))
     assert steps[: -round(DWELL_S * 10.0)].min() > 1e-4
     assert q[:, 0].max() == 20.0 * (whole - 0.5)
+
+
+@pytest.mark.parametrize(("instrument", "play"), [("ball_bar", False), ("r_test", False), ("r_test", True)])
+def test_sweeps_computed_together_are_those_computed_alone(instrument: str, play: bool) -> None:
+    """Between two sweeps computed together the axes jump: neither drives, noise nor a play may remember the one before."""
+    machine = preset(MACHINE)
+    if play:
+        machine = replace(machine, effects=(*machine.effects, EffectEntry(effect="backlash", axis="C")))
+    space = make_space(machine, instrument)
+    setup, noise = (space.lower + space.upper)[space.poses :] / 2.0, Noise(0.3, 0.3, 1.0)
+    alone, together = (Sweeps(space, setup, max(space.lengths), noise, 20.0) for _ in range(2))
+    ends = np.round(np.random.default_rng(0).uniform(alone.low, alone.high, (60, 2, len(alone.low))), 2)
+    pairs = [(before, after) for before, after in ends]
+    found = together.all_between(pairs, SPEED)
+    assert 10 < sum(sweep is not None for sweep in found) < len(pairs)
+    for pair, sweep in zip(pairs, found, strict=True):
+        one = alone.between(*pair, SPEED)
+        if sweep is None or one is None:
+            assert sweep is one
+            continue
+        sizes = np.sqrt(np.diag(one.matrix)) + 1e-300
+        assert sweep.seconds == one.seconds
+        assert sweep.matrix / np.outer(sizes, sizes) == pytest.approx(one.matrix / np.outer(sizes, sizes), abs=1e-6)
 
 
 def test_plan_keeps_the_minutes_and_states_certificate_and_gain(made: SweepPlan) -> None:
@@ -267,6 +291,16 @@ def test_another_mounting_is_taken_where_it_pays(twice: SweepPlan, made: SweepPl
     )
     assert mean(twice.assessment.sigma) < mean(alone.sigma)
     assert len(made.campaign.runs) == 1  # two minutes hold no further mounting
+
+
+@pytest.mark.slow
+def test_fewer_mountings_are_searched_where_whole_sweeps_do_not_fill_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In 18 s each, two mountings are better by optimal seconds; whole sweeps of a bar come to far less there than in one."""
+    _search_as_shipped(monkeypatch)
+    bar = {"instrument": "ball_bar", "minutes": 10.6, "criterion": "A", "speeds": (SPEED,), "rate_hz": 10.0}
+    free, alone = plan_sweeps(MACHINE, **bar), plan_sweeps(MACHINE, **bar, setups=1, certify=False)
+    assert len(free.campaign.runs) == 1 and free.value == pytest.approx(alone.value, abs=1e-9)
+    assert free.certificate is not None and free.certificate.efficiency > 0.9
 
 
 def test_two_mountings_are_in_order_and_identified(twice: SweepPlan, tmp_path: Path) -> None:

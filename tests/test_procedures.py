@@ -6,14 +6,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from symfive.campaign import read_campaign, write_campaign
+from symfive.campaign import Run, read_campaign, write_campaign
 from symfive.errors import InputError
 from symfive.machine import ErrorTerm, Machine, preset, presets
 from symfive.model import Model
 from symfive.procedures import (
     Nominal,
     campaign_of,
+    checked,
     cone_circle,
+    followed,
     grid_encoder_lines,
     linear_positioning,
     planar_circle,
@@ -238,3 +240,22 @@ def test_laser_targets_after_iso_230_2():
         sides = before[np.flatnonzero(z[1:] == stop)]
         assert (sides > 0).sum() == 5 and (sides < 0).sum() == 5
     assert run.options["axis"] == "Z" and np.ptp(run.commands["X"]) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("span", "seconds", "reason"),
+    [(100.0, 2.0, ""), (100.0, 0.5, "would move"), (10.0, 0.15, "would accelerate"), (400.0, 20.0, "would go")],
+)
+def test_rows_that_axes_follow_are_all_of_a_run_that_is_not_refused(span: float, seconds: float, reason: str) -> None:
+    """X to and fro in half a sine, and a rest; a row is refused by the two steps before it, not by what comes later."""
+    machine, time = preset("table-bc"), np.arange(0.0, 1.5 * seconds, seconds / 200.0)
+    x = np.where(time < seconds, span * np.sin(np.pi * np.minimum(time / seconds, 1.0)) ** 2, 0.0)
+    commands = {name: x if name == "X" else np.zeros_like(x) for name in machine.axis_names}
+    run = Run(id="x", instrument=("r_test",), sampling="dynamic", time=time, commands=commands)
+    found = followed(machine, run)
+    assert found.all() == (not reason) and found[-20:].all()
+    if reason:
+        with pytest.raises(InputError, match=reason):
+            checked(machine, run, place="the span")
+    else:
+        assert checked(machine, run, place="the span") is run

@@ -1,15 +1,10 @@
 """The certificate of circles: how good they are, compared with the best that any circles can be at the same cost.
 
-The cost is the number of runs or, for a plan per minute, the time they record. A circle of cost c adds the information M. Weights
-w (in units of cost) on candidates, Σ w = T, add Σ w M/c, and as for poses (`_relaxed`; Kiefer & Wolfowitz 1960, Pukelsheim 1993,
-ch. 7) every set of circles of cost T, whatever the weights are, has
-
-    ψ ≥ Σ λ ψ_d(w) - log(Σ λ ⟨G_d, P⟩ + T · max over circles of Σ λ ⟨G_d, M_d⟩/c),   G_d = -dψ_d/dM, P the prior's,
-
-summed over the draws d with λ ≥ 0, Σ λ = 1: 1/draws for the mean, found by dual averaging for the worst case (max ψ ≥ Σ λ ψ;
-Y. Nesterov 2009). `_relaxed` has the nominal case only, over poses. The maximum is sought over a dense set: all families of the
-machine, ratios, centres and heights that the table has room for, feeds up to the fastest linear axis, both directions; radii and
-planes are those of the plan. It is a search: what lies between its circles is not proved.
+The cost is the number of runs or, for a plan per minute, the time they record. Weights of any size at the same cost bound what
+circles can reach (`_optimal_weights`), at the prior's mean, in the mean over draws from the prior or in the worst case;
+`_relaxed` has the nominal case only, over poses. The maximum is sought over a dense set: all families of the machine, ratios,
+centres and heights that the table has room for, feeds up to the fastest linear axis, both directions; radii and planes are those
+of the plan. It is a search: what lies between its circles is not proved.
 """
 
 from __future__ import annotations
@@ -17,33 +12,26 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from symfive.arrays import Array
 from symfive.design._assessment_data import six_digits
 from symfive.design._circles import Circle, Goal, measured
+from symfive.design._optimal_weights import GAP, relaxed_bound
 from symfive.design._paths import FAMILIES, CircleShape
 from symfive.effects import Effect
 from symfive.errors import InputError
 from symfive.machine import Machine
 from symfive.procedures import circle_frame, heights
 
-__all__ = ["CircleCertificate", "certify_circles", "farthest", "fastest", "relaxed_bound"]
+__all__ = ["CircleCertificate", "certify_circles", "farthest", "fastest"]
 
 DENSE, NEAR = 6, 5
 """Powers of 2: circles of the dense set by family and radius, and in every round those near the circles that count."""
 ROUNDS, NARROW = 8, 0.1
-STEPS, GAP = 1000, 2e-3
 SUPPORT = 0.01
-
-
-class Informative(Protocol):
-    """What adds information: `matrices` (k, k), file units, at every draw from the prior."""
-
-    @property
-    def matrices(self) -> tuple[Array, ...]: ...
 
 
 @dataclass(frozen=True)
@@ -196,38 +184,3 @@ def _points(size: int, power: int) -> Array:
     from scipy.stats import qmc
 
     return np.asarray(qmc.Sobol(size, seed=0).random_base2(power))
-
-
-def relaxed_bound(goal: Goal, circles: Sequence[Informative], costs: Array, budget: float) -> tuple[Array, float]:
-    """Weights (n,) on circles or sweeps, by multiplicative steps (D. M. Titterington 1976), of the costs (n,) that add up to a
-    budget, and the lowest ψ that any such weights can have."""
-    draws = 1 if goal.robust == "nominal" else len(circles[0].matrices)
-    k, n = len(goal.scale), len(circles)
-    upper, place = np.triu_indices(k), np.empty((k, k), dtype=np.int64)  # of what is symmetric
-    place[upper] = place.T[upper] = np.arange(len(upper[0]))
-    flat = [
-        np.array([c.matrices[d][upper] / cost for c, cost in zip(circles, costs, strict=True)]) for d in range(draws)
-    ]
-    twice = np.where(upper[0] == upper[1], 1.0, 2.0)
-    power = 1.0 if goal.criterion.determinant else 0.5
-    weights, best, bound, value = np.full(n, budget / n), np.empty(0), -math.inf, math.inf
-    score = np.zeros(draws)
-    for step in range(1, STEPS + 1):
-        totals = [(weights @ rates)[place] for rates in flat]
-        psi = np.array([goal.psi(total) for total in totals])
-        score += psi if goal.robust == "worst" else 0.0
-        share = np.exp((score - score.max()) / math.sqrt(step))
-        share /= share.sum()
-        pulls = [goal.pull(total) for total in totals]
-        seen = sum(s * (rates @ (twice * pull[upper])) for s, rates, pull in zip(share, flat, pulls, strict=True))
-        known = np.diag(goal.scale**-2.0) + goal.known
-        prior = sum(s * float(np.sum(pull * known)) for s, pull in zip(share, pulls, strict=True))
-        here = float(share @ psi) - math.log(prior + budget * float(np.max(seen)))
-        bound, reached = max(bound, here), goal.joined(psi.tolist(), budget)
-        if reached < value:
-            value, best = reached, weights
-        if value - bound < GAP:
-            break
-        weights = weights * np.maximum(seen, 0.0) ** power
-        weights = weights * (budget / weights.sum())
-    return best, bound

@@ -16,8 +16,8 @@ import numpy as np
 
 from symfive.arrays import Array
 from symfive.design._candidates import best_setups, pose_grid
-from symfive.design._circle_certificate import relaxed_bound
 from symfive.design._circles import Goal
+from symfive.design._optimal_weights import relaxed_bound
 from symfive.design._space import Space
 from symfive.design._sweep_recordings import best_speed
 from symfive.design._sweep_search import draw
@@ -38,10 +38,11 @@ SAMPLE, TRIES = 60, 600
 def mountings_that_pay(
     space: Space, task: Task, goal: Goal, noise: Noise, rate_hz: float, poses: int, speeds: tuple[float, ...],
     seconds: Callable[[int], float], most: int | None,
-) -> list[list[tuple[Sweeps, Array]]]:  # fmt: skip
-    """One mounting, two and more, `most` at most, as long as ψ falls: each for a recording of `seconds(count)`, with what this
-    tells of the shared parameters (k, k). `poses` at rest are compared. Raises `InputError` where no sweep is possible."""
-    found: list[list[tuple[Sweeps, Array]]] = []
+) -> list[tuple[float, list[tuple[Sweeps, Array]]]]:  # fmt: skip
+    """One mounting, two and more, `most` at most, as long as ψ falls: this ψ and, each for a recording of `seconds(count)`, the
+    mountings with what this tells of the shared parameters (k, k). `poses` at rest are compared. Raises `InputError` where no
+    sweep is possible."""
+    found: list[tuple[float, list[tuple[Sweeps, Array]]]] = []
     value = math.inf
     for count in itertools.takewhile(lambda count: seconds(count) > 0.0, range(1, 1 + (most or MOST))):
         setups, lengths = best_setups(space, task, count, READINGS, pose_grid(space, poses))
@@ -56,7 +57,7 @@ def mountings_that_pay(
         if reached >= value:
             break
         value = reached
-        found.append(list(zip(tried, told, strict=True)))
+        found.append((value, list(zip(tried, told, strict=True))))
     return found
 
 

@@ -24,10 +24,11 @@ from symfive.design._assess import Assessment, assess, machine_information
 from symfive.design._assessment_data import assessment_data, six_digits
 from symfive.design._candidates import candidates_in, pose_grid
 from symfive.design._circles import Goal
+from symfive.design._optimal_weights import together
 from symfive.design._request import check_counts, interest_of, task_of, with_bars
 from symfive.design._schedule import SETUP_S
 from symfive.design._space import Space, make_space
-from symfive.design._sweep_certificate import SweepCertificate, certified, together
+from symfive.design._sweep_certificate import SweepCertificate, bound_of, certified
 from symfive.design._sweep_mountings import mountings_that_pay
 from symfive.design._sweep_recordings import Recording
 from symfive.design._sweeps import DELAY_MS, SHORTEST, Sweeps, nuisances
@@ -186,7 +187,7 @@ def plan_sweeps(
     found = [recording.sweeps.recorded(recording.stops, recording.speed) for recording in recordings]
     runs = tuple(_named(run, i, len(found), apart) for i, (run, _) in enumerate(found))
     totals, whole = [total for _, total in found], sum(run.duration for run in runs)
-    value = together(mounted, goal, totals)[0].psi(totals[0])
+    value = together([sweeps.shared for sweeps in mounted], goal, totals)[0].psi(totals[0])
     certificate = certified(mounted, goal, value, whole, speeds) if certify else None
     campaign, effects = campaign_of(machine, runs, "sweeps"), nuisances(machine, delay=not apart)
     return SweepPlan(
@@ -258,16 +259,22 @@ def _searched(
     space: Space, task: Task, goal: Goal, noise: Noise, rate_hz: float, speeds: tuple[float, ...],
     seconds: Callable[[int], float], most: int | None,
 ) -> list[Recording]:  # fmt: skip
-    """The recordings in the best mountings: as many as pay by optimal seconds, or fewer as long as whole sweeps tell more. Raises
-    `InputError` where no sweep is possible."""
+    """The recordings in the best mountings: as many as pay by optimal seconds, or fewer as long as these lose less by it than
+    whole sweeps had lost with more. Raises `InputError` where no sweep is possible."""
     poses = INSTRUMENTS[space.instrument].poses
     best: list[Recording] = []
-    value = math.inf
-    for mountings in reversed(mountings_that_pay(space, task, goal, noise, rate_hz, poses, speeds, seconds, most)):
-        recordings, reached = _recorded(mountings, goal, speeds, seconds(len(mountings)))
-        if reached >= value:
+    value = price = math.inf
+    before = -math.inf
+    for optimal, mountings in reversed(
+        mountings_that_pay(space, task, goal, noise, rate_hz, poses, speeds, seconds, most)
+    ):
+        if best and optimal - before >= price:
             break
-        value, best = reached, recordings
+        recordings, reached = _recorded(mountings, goal, speeds, seconds(len(mountings)))
+        if reached < value:
+            value, best = reached, recordings
+        whole = len(mountings) * seconds(len(mountings))
+        price, before = reached - bound_of([sweeps for sweeps, _ in mountings], goal, whole), optimal
     return best
 
 

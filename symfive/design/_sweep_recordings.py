@@ -8,8 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from symfive.arrays import Array, Flags
-from symfive.design._circle_certificate import relaxed_bound
 from symfive.design._circles import Goal
+from symfive.design._optimal_weights import relaxed_bound
 from symfive.design._reach import Reach
 from symfive.design._sweep_search import Grid, best_way, draw, grid_of, positions_of, refined_way
 from symfive.design._sweeps import Sweep, Sweeps
@@ -32,7 +32,7 @@ class Recording:
 
     def __init__(self, sweeps: Sweeps, goal: Goal, speeds: Sequence[float], seconds: float, drawn: int) -> None:
         self.sweeps, self.speed = sweeps, best_speed(sweeps, goal, speeds, seconds)
-        self._positions, self._step = positions_of(sweeps)
+        self._positions = positions_of(sweeps)
         for _ in draw(sweeps, drawn, self.speed):
             pass
         self.stops: list[Array] = []
@@ -41,7 +41,7 @@ class Recording:
         """Search stops for at most so many seconds, `goal` knowing what the others tell; what the recording then tells of the
         parameters that are shared (k, k). Raises `InputError` where no sweep is possible."""
         sweeps, positions, speed = self.sweeps, self._positions, self.speed
-        grid = grid_of(sweeps, positions, self._step, _ends(sweeps, positions), speed)
+        grid = grid_of(sweeps, positions, _ends(sweeps, positions), speed)
         if not np.isfinite(grid.seconds[np.ix_(grid.ends, grid.ends)]).any():
             raise InputError("no sweep is clear of all limits", remedy=REMEDY)
         self.stops = _clear_way(sweeps, goal, grid, self.stops, speed, seconds)
@@ -60,9 +60,9 @@ def _sample(positions: Array) -> Array:
 def best_speed(sweeps: Sweeps, goal: Goal, speeds: Sequence[float], seconds: float) -> float:
     """The speed on which the best weights spend most of the time, of some sweeps at every speed. Raises `InputError` where no
     sweep is possible."""
-    for a, b in _sample(positions_of(sweeps)[0]):
-        for speed in speeds:
-            sweeps.between(a, b, speed)
+    pairs = [(a, b) for a, b in _sample(positions_of(sweeps))]
+    for speed in speeds:
+        sweeps.all_between(pairs, speed)
     offered = sweeps.offered
     if not offered:
         raise InputError("no sweep is clear of all limits", remedy=REMEDY)
@@ -89,7 +89,7 @@ def _clear_way(
     start = [int(np.argmin(np.abs(grid.positions - stop).max(axis=1))) for stop in stops]
     while True:
         way = best_way(grid, goal, (1.0 - SLACK) * seconds, start)
-        found = refined_way(sweeps, goal, [grid.positions[i] for i in way], grid.step, speed, seconds)
+        found = refined_way(sweeps, goal, [grid.positions[i] for i in way], speed, seconds)
         blocked = _blocked(sweeps, found, speed)
         if not blocked:
             return found

@@ -21,15 +21,19 @@ from symfive.design._sweeps import Sweep, Sweeps
 
 __all__ = ["Grid", "best_way", "draw", "grid_of", "positions_of", "refined_way"]
 
-MOST_POSITIONS, FEWEST_LEVELS = 48, 5
-"""Positions of the grid, between any two of which a sweep is offered, and of every variable."""
+POSITIONS, OF_A_BAR, MOST_TRIED = 48, 80, 50
+"""Positions between any two of which a sweep is offered, of a bar with its two variables more, and how many times as many are
+tried for them."""
 EXACT = 6
 """Changes of a way that are computed, of all that are ranked."""
 LEAST_GAIN = 1e-6
+AT_ONCE = 64
+"""Random sweeps that are computed before the first of them is needed."""
 SHAKES, MOST_LEFT_OUT = 60, 6
 """How often part of the best way is left out, and how many of its positions at most."""
-HALVINGS = 4
-WORTH = 1e-3
+FIRST_STEP, HALVINGS = 8, 4
+"""By which part of its range a stop is first moved off its position, and how many steps there are, each half the last."""
+WORTH = 5e-3
 """By how much ψ falls in a round of steps that is followed by another of the same size."""
 DIGITS = 2
 """Angles are rounded to 0.01°."""
@@ -38,13 +42,11 @@ DIGITS = 2
 @dataclass(frozen=True)
 class Grid:
     """Positions (n, variables), degree, with the information (n, n, k, k) and the seconds (n, n) of the sweeps between them,
-    infinite where there is none; `step` (variables,) degree between positions; `ends` (n,) where the instrument can be
-    mounted."""
+    infinite where there is none; `ends` (n,) where the instrument can be mounted."""
 
     positions: Array
     matrices: Array
     seconds: Array
-    step: Array
     ends: Flags
 
     def without(self, sweeps: Sequence[tuple[int, int]]) -> None:
@@ -53,19 +55,14 @@ class Grid:
             self.seconds[a, b] = self.seconds[b, a] = math.inf
 
 
-def positions_of(sweeps: Sweeps) -> tuple[Array, Array]:
-    """A grid of positions (n, variables), degree, inside all limits, with the ends of every range; its steps (variables,)."""
-    size = len(sweeps.names)
-    found, steps = np.zeros((0, size)), np.zeros(size)
-    for count in range(FEWEST_LEVELS, MOST_POSITIONS + 1, 2):
-        levels = [np.linspace(*pair, count) for pair in zip(sweeps.low, sweeps.high, strict=True)]
-        finer = np.array(list(itertools.product(*levels)))
-        finer = finer[sweeps.reachable(finer)]
-        if len(finer) > MOST_POSITIONS and len(found):
-            break
-        found, steps = finer, np.array([level[1] - level[0] for level in levels])
-    picked = np.sort(np.random.default_rng(0).permutation(len(found))[:MOST_POSITIONS])
-    return np.round(found[picked], DIGITS), steps
+def positions_of(sweeps: Sweeps) -> Array:
+    """Random positions (n, variables), degree, inside all limits."""
+    generator, found = np.random.default_rng(0), np.zeros((0, len(sweeps.low)))
+    count = OF_A_BAR if sweeps.bar else POSITIONS
+    for _ in range(MOST_TRIED):
+        drawn = np.round(generator.uniform(sweeps.low, sweeps.high, (count, len(sweeps.low))), DIGITS)
+        found = np.concatenate([found, drawn[sweeps.reachable(drawn)]])[:count]
+    return found
 
 
 def draw(sweeps: Sweeps, count: int, speed: float) -> Iterator[Sweep]:
@@ -75,21 +72,22 @@ def draw(sweeps: Sweeps, count: int, speed: float) -> Iterator[Sweep]:
         start, there = np.round(generator.uniform(sweeps.low, sweeps.high, (2, len(sweeps.low))), DIGITS)
         pairs.append((start, np.where(generator.random(len(start)) < 0.5, start, there)))
     ends = np.array(pairs)
-    for start, there in ends[sweeps.reachable(ends[:, 0]) & sweeps.reachable(ends[:, 1])] if count else ():
-        found = sweeps.between(start, there, speed)
-        if found is not None:
-            yield found
+    possible = ends[sweeps.reachable(ends[:, 0]) & sweeps.reachable(ends[:, 1])] if count else ends
+    for first in range(0, len(possible), AT_ONCE):
+        some = [(start, there) for start, there in possible[first : first + AT_ONCE]]
+        yield from (found for found in sweeps.all_between(some, speed) if found is not None)
 
 
-def grid_of(sweeps: Sweeps, positions: Array, step: Array, ends: Flags, speed: float) -> Grid:
+def grid_of(sweeps: Sweeps, positions: Array, ends: Flags, speed: float) -> Grid:
     """All sweeps between positions of a grid."""
     n, k = len(positions), len(sweeps.start)
     matrices, seconds = np.zeros((n, n, k, k)), np.full((n, n), math.inf)
-    for a, b in itertools.permutations(range(n), 2):
-        found = sweeps.between(positions[a], positions[b], speed)
+    pairs = list(itertools.permutations(range(n), 2))
+    offered = sweeps.all_between([(positions[a], positions[b]) for a, b in pairs], speed)
+    for (a, b), found in zip(pairs, offered, strict=True):
         if found is not None:
             matrices[a, b], seconds[a, b] = found.matrix, found.seconds
-    return Grid(positions, matrices, seconds, step, ends)
+    return Grid(positions, matrices, seconds, ends)
 
 
 class _Way:
@@ -197,30 +195,50 @@ def _first(grid: Grid, goal: Goal, seconds: float) -> Sequence[int]:
     return min(ways, key=lambda way: way.rate(seconds)).way
 
 
-def refined_way(
-    sweeps: Sweeps, goal: Goal, stops: Sequence[Array], step: Array, speed: float, seconds: float
-) -> list[Array]:  # fmt: skip
-    """The stops, but for the two ends, moved off the grid where that lowers ψ within so many seconds."""
+def refined_way(sweeps: Sweeps, goal: Goal, stops: Sequence[Array], speed: float, seconds: float) -> list[Array]:
+    """The stops, but for the two ends, moved off their positions where that lowers ψ within so many seconds: of all moves of one
+    variable of one stop by a step, those that gain most and share no sweep."""
     way = list(stops)
     parts = [_known(sweeps, pair, speed) for pair in itertools.pairwise(way)]
     total, used = np.sum([p.matrix for p in parts], axis=0), sum(p.seconds for p in parts)
-    value = goal.psi(total)
-    signs = [sign * axis for axis in np.eye(len(step)) for sign in (1.0, -1.0)]
-    halving = 1
-    while halving <= HALVINGS:
-        before = value
-        for i, sign in itertools.product(range(1, len(way) - 1), signs):
-            moved = np.round(way[i] + sign * step * 0.5**halving, DIGITS)
-            fresh = [sweeps.between(way[i - 1], moved, speed), sweeps.between(moved, way[i + 1], speed)]
-            new = [part for part in fresh if part is not None]
-            if len(new) < len(fresh):
+    value, step, halved = goal.psi(total), (sweeps.high - sweeps.low) / FIRST_STEP, 0
+    while halved < HALVINGS:
+        before, pull, changed = value, goal.pull(total), set[int]()
+        moves = _moves(sweeps, way, step * 0.5**halved, speed)
+        moves.sort(
+            key=lambda move: -sum(float(np.sum(pull * (p.matrix - q.matrix))) for p, q in _exchange(parts, move))
+        )
+        for move in moves:
+            i, moved, new = move
+            if not changed.isdisjoint((i - 1, i)):
                 continue
-            then = total + sum(p.matrix for p in new) - parts[i - 1].matrix - parts[i].matrix
-            time = used + sum(p.seconds for p in new) - parts[i - 1].seconds - parts[i].seconds
+            pairs = _exchange(parts, move)
+            then = total + sum(p.matrix - q.matrix for p, q in pairs)
+            time = used + sum(p.seconds - q.seconds for p, q in pairs)
             if time <= seconds and (psi := goal.psi(then)) < value - LEAST_GAIN:
                 way[i], parts[i - 1 : i + 1], total, used, value = moved, new, then, time, psi
-        halving += value > before - WORTH
+                changed |= {i - 1, i}
+        halved += value > before - WORTH
     return way
+
+
+_Move = tuple[int, Array, list[Sweep]]
+
+
+def _moves(sweeps: Sweeps, way: Sequence[Array], step: Array, speed: float) -> list[_Move]:
+    """Number and new position of a stop, and the sweeps to it and from it, where both are possible."""
+    signs = [sign * axis for axis in np.eye(len(step)) for sign in (1.0, -1.0)]
+    moved = [(i, np.round(way[i] + sign * step, DIGITS)) for i in range(1, len(way) - 1) for sign in signs]
+    pairs = [pair for i, stop in moved for pair in ((way[i - 1], stop), (stop, way[i + 1]))]
+    fresh = sweeps.all_between(pairs, speed)
+    found = ((i, stop, [to, on]) for (i, stop), to, on in zip(moved, fresh[::2], fresh[1::2], strict=True))
+    return [(i, stop, [p for p in new if p]) for i, stop, new in found if all(new)]
+
+
+def _exchange(parts: Sequence[Sweep], move: _Move) -> list[tuple[Sweep, Sweep]]:
+    """The sweeps of a move with those in whose place they come."""
+    i, _, new = move
+    return list(zip(new, parts[i - 1 : i + 1], strict=True))
 
 
 def _known(sweeps: Sweeps, pair: tuple[Array, Array], speed: float) -> Sweep:

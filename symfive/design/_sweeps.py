@@ -30,7 +30,7 @@ from symfive.inference import Noise, whiten
 from symfive.machine import Machine
 from symfive.model import Model
 from symfive.optimal import inverse
-from symfive.procedures import DWELL_S, checked, through
+from symfive.procedures import DWELL_S, checked, followed, through
 
 __all__ = ["Sweep", "Sweeps", "nuisances"]
 
@@ -46,6 +46,10 @@ DELAY, DELAY_MS = "latency", 10.0
 """The effect of one recording's delay, and the prior 1σ of the delay of each of several, which is an error of its set-up."""
 SHORTEST = 2.0
 """Correlation times that a sweep lasts at least: only then does what two neighbours tell add up."""
+TOGETHER = 8192
+"""Rows of the sweeps that are computed together: enough for array operations, few enough for the processor's cache."""
+TIME_CONSTANTS = 30.0
+"""Of the slowest drive, in which it comes to a position: e^-30 is less than rounding leaves of a command."""
 
 
 @dataclass(frozen=True)
@@ -87,9 +91,7 @@ class Sweeps:
         self.low[-1] += OFF_THE_CUP_DEG if self.bar else 0.0
         z = np.concatenate([np.zeros(space.poses), setup])
         self.table_ball, self.tool_ball = space.table_ball(z), space.tool_ball(z)
-        self.model = Model(
-            Campaign(machine=self.machine, runs=(self._run(np.zeros((1, space.poses)), 1.0),)), self.effects
-        )
+        self.model = Model(Campaign(machine=self.machine, runs=(self._run(np.zeros((3, space.poses))),)), self.effects)
         self.start = self.model.start
         sizes = np.abs(typical_values(self.model) - self.start)
         kinds = [p.kind for p in self.model.parameters]
@@ -102,47 +104,77 @@ class Sweeps:
             ]
         )
         self._known: dict[tuple[Ends, float], Sweep | None] = {}
+        drives = [axis.drive for axis in self.machine.axes.values() if axis.drive is not None]
+        slowest = max([max(1.0 / drive.position_gain, drive.integral_time) for drive in drives], default=0.0)
+        self._settled = max(TIME_CONSTANTS * slowest, 3.0 / rate_hz)
 
     def run(self, stops: Array, speed: float) -> Run:
         """The recording through `stops` (n, variables), degree, at `speed` degree/s. Raises `InputError` where an axis cannot
         follow."""
-        run = self._run(stops, speed)
+        run = self._run(through(stops, speed, self.rate_hz)[1])
         return checked(self.machine, run, feed=60.0 * speed, unit="degree/min", place="the speed or the mounting")
 
-    def _run(self, stops: Array, speed: float) -> Run:
-        time, positions = through(stops, speed, self.rate_hz)
+    def _run(self, positions: Array) -> Run:
+        """Positions (N, variables), degree, one row after the other."""
         return Run(
-            id="sweeps", instrument=(self.space.instrument,), sampling="dynamic", time=time,
-            commands=self.space.commands(*self.poses(positions)), table_ball=self.table_ball, tool_ball=self.tool_ball,
-            length=self.length if self.bar else None, noise_um=self.space.noise_um,
-            setup_sigma_um=self.space.setup_sigma, options=self.space.options,
+            id="sweeps", instrument=(self.space.instrument,), sampling="dynamic",
+            time=np.arange(len(positions)) / self.rate_hz, commands=self.space.commands(*self.poses(positions)),
+            table_ball=self.table_ball, tool_ball=self.tool_ball, length=self.length if self.bar else None,
+            noise_um=self.space.noise_um, setup_sigma_um=self.space.setup_sigma, options=self.space.options,
         )  # fmt: skip
 
-    def seen(self, run: Run) -> Array:
-        """Whitened slopes (N, readings, k) of the rows of a run that begins after a rest, zero for what it does not depend on.
-        Raises `InputError` where the readings expected leave the sensor's range."""
+    def _linearised(self, run: Run) -> tuple[Array, Array]:
+        """Slopes (N, readings, k) of the rows of a run, zero for what it does not depend on, and how far they may go (N,), mm."""
         line = self.model.linearise(run, self.start)
         slopes = np.zeros((*line.prediction.shape, len(self.start)))
         slopes[:, :, line.columns] = line.jacobian
         spread = SIGMAS_IN_RANGE * np.sqrt(np.square(slopes) @ np.square(self._sizes))
-        most = 1e-3 * float((np.abs(line.prediction) + spread).max())
+        return slopes, 1e-3 * (np.abs(line.prediction) + spread).max(axis=1)
+
+    def seen(self, run: Run) -> Array:
+        """Whitened slopes (N, readings, k) of the rows of a run that begins after a rest, zero for what it does not depend on.
+        Raises `InputError` where the readings expected leave the sensor's range."""
+        slopes, reached = self._linearised(run)
+        most = float(reached.max())
         if most > self.machine.workspace.stroke(bar=self.bar):
             limit = "bar_stroke" if self.bar else "sensor_range"
             problem = f"the readings may reach {most:.2g} mm, beyond the {limit}"
             raise InputError(problem, remedy=f"lower the speed, or raise {limit} in [workspace]")
+        return self._whitened([slopes])[0]
+
+    def _whitened(self, tables: Sequence[Array]) -> list[Array]:
+        """Slopes (N, readings, k) of runs that begin after a rest, whitened."""
         before = math.ceil(MEMORY * self.noise.time_constant * self.rate_hz)
-        rested = np.concatenate([np.repeat(slopes[:1], before, axis=0), slopes])
-        return whiten(rested, self.noise, 1.0 / self.rate_hz)[0][before:]
+        longest = max(map(len, tables))
+        rested = np.zeros((before + longest, len(tables), *tables[0].shape[1:]))
+        for i, table in enumerate(tables):
+            rested[:before, i], rested[before : before + len(table), i] = table[0], table
+        white = whiten(rested, self.noise, 1.0 / self.rate_hz)[0]
+        return [white[before : before + len(table), i] for i, table in enumerate(tables)]
 
     def between(self, before: Array, after: Array, speed: float) -> Sweep | None:
         """The sweep from one position (variables,), degree, to another; None where a limit is in the way."""
-        key = ((tuple(before), tuple(after)), speed)
-        if key not in self._known:
-            try:
-                self._known[key] = self._measured(before, after, speed)
-            except InputError:
-                self._known[key] = None
-        return self._known[key]
+        return self.all_between([(before, after)], speed)[0]
+
+    def all_between(self, pairs: Sequence[tuple[Array, Array]], speed: float) -> list[Sweep | None]:
+        """The sweeps between pairs of positions, those computed together that are not yet known."""
+        keys = [((tuple(before), tuple(after)), speed) for before, after in pairs]
+        fresh = {key: np.stack(pair) for key, pair in zip(keys, pairs, strict=True) if key not in self._known}
+        self._known |= dict.fromkeys(fresh)
+        sizes = {key: float(np.abs(np.subtract(*ends)).max()) for key, ends in fresh.items()}
+        least = SHORTEST * self.noise.time_constant * speed
+        long = [key for key, size in sizes.items() if size >= least]
+        along = [self._along(fresh[key], sizes[key]) for key in long]
+        if not along:
+            return [self._known[key] for key in keys]
+        bounds = np.cumsum([0, *map(len, along)])[:-1]
+        inside = np.logical_and.reduceat(self.reachable(np.concatenate(along)), bounds)
+        left = sorted((key for key, free in zip(long, inside, strict=True) if free), key=lambda key: sizes[key])
+        while left:
+            count = self._count([sizes[key] for key in left], speed)
+            some, left = left[:count], left[count:]
+            self._known |= zip(some, self._measured([fresh[key] for key in some], speed), strict=True)
+        return [self._known[key] for key in keys]
 
     @property
     def offered(self) -> list[tuple[Ends, float, Sweep]]:
@@ -154,22 +186,35 @@ class Sweeps:
         for a, b in ((before, after), (after, before)):
             self._known[(tuple(a), tuple(b)), speed] = None
 
-    def _measured(self, before: Array, after: Array, speed: float) -> Sweep | None:
-        size = float(np.abs(after - before).max())
-        if (
-            size < SHORTEST * self.noise.time_constant * speed
-            or not self.reachable(self._along(before, after, size)).all()
-        ):
-            return None
-        run = self.run(np.stack([before, after]), speed)
-        moving = run.rows - round(DWELL_S * self.rate_hz)
-        flat = self.seen(run)[1:moving].reshape(-1, len(self.start))
-        return Sweep(flat.T @ flat, (moving - 1) / self.rate_hz)
+    def _count(self, sizes: Sequence[float], speed: float) -> int:
+        """How many of the next sweeps are computed together. What an effect of the machine file remembers of the way, or of the
+        time, is its own for every sweep."""
+        rows = np.cumsum(np.array(sizes) / speed + self._settled) * self.rate_hz
+        return 1 if self.machine.effects else max(1, int(np.searchsorted(rows, TOGETHER)))
+
+    def _measured(self, ends: Sequence[Array], speed: float) -> list[Sweep | None]:
+        """Sweeps between the ends (2, variables) of each, recorded one after the other: before every one but the first the axes
+        jump to its beginning and rest until the drives have come to it."""
+        lead = math.ceil(self._settled * self.rate_hz)
+        paths = [through(pair, speed, self.rate_hz)[1] for pair in ends]
+        rested = [np.concatenate([np.repeat(path[:1], lead, axis=0), path]) for path in paths[1:]]
+        run = self._run(np.concatenate([paths[0], *rested]))
+        lasts = np.cumsum([len(path) for path in (paths[0], *rested)])
+        parts = [slice(last - len(path), last) for last, path in zip(lasts, paths, strict=True)]
+        slopes, reached = self._linearised(run)
+        possible = followed(self.machine, run) & (reached <= self.machine.workspace.stroke(bar=self.bar))
+        found: list[Sweep | None] = [None] * len(parts)
+        left = [i for i, part in enumerate(parts) if possible[part].all()]
+        for i, white in zip(left, self._whitened([slopes[parts[i]] for i in left]) if left else [], strict=True):
+            moving = len(white) - round(DWELL_S * self.rate_hz)
+            flat = white[1:moving].reshape(-1, len(self.start))
+            found[i] = Sweep(flat.T @ flat, (moving - 1) / self.rate_hz)
+        return found
 
     @staticmethod
-    def _along(before: Array, after: Array, size: float) -> Array:
+    def _along(ends: Array, size: float) -> Array:
         share = np.linspace(0.0, 1.0, max(2, math.ceil(size / LOOKED_AT_DEG)))
-        return np.asarray(before + share[:, None] * (after - before))
+        return np.asarray(ends[0] + share[:, None] * (ends[1] - ends[0]))
 
     def poses(self, positions: Array) -> tuple[Array, Array]:
         """Positions (n, variables), degree, as the variables of `Space` and its constants."""

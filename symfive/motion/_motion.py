@@ -274,17 +274,19 @@ class RunMotion:
         return Series(np.asarray(curve(at)), dict.fromkeys(self._clocks, np.asarray(-curve(at, 1) * moves)))
 
     def _driven(self, axis: Axis, command: Array) -> AxisMotion:
-        factor = max(1, int(np.ceil(self.run.interval / LATE_S - 1e-9))) if self._late else 1
+        factor = max(1, int(np.ceil(self.run.interval / LATE_S - 1e-9))) if self.delay else 1
         response, names, first = self._response(axis, factor)
-        if self._late:
+        if self.delay:
             place = np.asarray(first + factor * (self.run.steps - self.delay / self.run.interval))
-            motion, rate = _between(response, place, self.run.interval / factor)
+            motion, rates = _between(response, place, self.run.interval / factor)
+            rate = rates[:, :, 0]
         else:
-            motion, rate = response[first + self.run.steps], np.zeros((0, 3, 1))
+            motion = response[first + self.run.steps]
+            rate = np.column_stack([motion[:, 1:, 0], self._rate(motion[:, 2, 0])])
         parts = []
         for k in range(3):
             tangents = {n: motion[:, k, 1 + i] for i, n in enumerate(names)}
-            parts.append(Series(motion[:, k, 0], tangents | dict.fromkeys(self._clocks, -rate[:, k, 0])))
+            parts.append(Series(motion[:, k, 0], tangents | dict.fromkeys(self._clocks, -rate[:, k])))
         return AxisMotion(Series(command), *parts)
 
     def _response(self, axis: Axis, factor: int) -> tuple[Array, tuple[str, ...], int]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from symfive.arrays import Array
+from symfive.arrays import Array, Flags
 from symfive.campaign import Run
 from symfive.errors import InputError
 from symfive.machine import Axis, Machine
@@ -38,13 +38,35 @@ def within_travel(machine: Machine, run: Run, *, place: str) -> Run:
     return run
 
 
+def followed(machine: Machine, run: Run) -> Flags:
+    """Rows (N,) that every axis reaches within its travel, feed and acceleration, by the two steps before each, as `checked` has
+    it of all rows."""
+    found, steps = np.ones(run.rows, dtype=bool), np.diff(run.time)
+    for name, axis in machine.axes.items():
+        values = run.commands[name]
+        low, high = _reach(axis)
+        found &= (values >= low) & (values <= high)
+        pace = np.diff(values) / steps
+        if axis.max_feed is not None:
+            found[1:] &= 60.0 * np.abs(pace) <= axis.max_feed * (1.0 + TOLERANCE)
+        if axis.max_acceleration is not None:
+            found[2:] &= np.abs(np.diff(pace) / steps[1:]) <= axis.max_acceleration * (1.0 + TOLERANCE)
+    return found
+
+
+def _reach(axis: Axis) -> tuple[float, float]:
+    low, high = axis.travel
+    slack = TOLERANCE * max(1.0, abs(low), abs(high)) * 1e-3
+    return low - slack, high + slack
+
+
 def _check_travel(run: Run, axis: Axis, values: Array, place: str) -> None:
     if not np.isfinite(values).all():
         raise InputError(f"run {run.id}: a position of axis {axis.name} is not finite", remedy=f"correct {place}")
     low, high = axis.travel
-    slack = TOLERANCE * max(1.0, abs(low), abs(high)) * 1e-3
+    least, most = _reach(axis)
     worst = int(np.argmax(np.maximum(low - values, values - high)))
-    if values[worst] < low - slack or values[worst] > high + slack:
+    if values[worst] < least or values[worst] > most:
         problem = (
             f"run {run.id}: axis {axis.name} would go to {values[worst]:.6g} {axis.unit} at {run.time[worst]:.4g} s"
         )
