@@ -21,6 +21,8 @@ from symfive.runs import Campaign, Run
 
 READINGS = 2.5
 """Readings per cycle, at least (H. Nyquist 1928: 2)."""
+CYCLES = 3.0
+"""Cycles within its reach from which on an axis shows what comes back."""
 FINER, MANY = 8.0, 500
 """By how much uneven targets (ISO 230-2) may resolve shorter periods than even ones; positions that are no targets any more."""
 ALIKE = 0.999
@@ -103,9 +105,9 @@ def reach_and_shortest(runs: Iterable[Run], axis: str) -> tuple[float, float]:
 def _uneven(targets: Array, step: float) -> float:
     """How many times shorter periods some targets resolve than even ones a `step` apart: until a frequency reads like 0
     (L. Eyer & P. Bartholdi 1999)."""
-    if len(targets) > MANY:
-        return 1.0
     reach = float(np.ptp(targets))
+    if len(targets) > MANY or reach < CYCLES * READINGS * step:
+        return 1.0
     frequencies = np.arange(0.5 / step, FINER / step, 0.1 / reach)
     window = np.abs(np.exp(2j * np.pi * np.outer(frequencies, targets)).mean(axis=1))
     alike = frequencies[window > ALIKE]

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from symfive.effects._form import AXIS, Form, Forms, Tone, moving
-from symfive.effects._periodic import Periodic, reach_and_shortest
+from symfive.effects._periodic import CYCLES, Periodic, reach_and_shortest
 from symfive.parameters import Parameter
 from symfive.row import Row
 from symfive.runs import Campaign
@@ -53,7 +53,7 @@ class TransmissionError(Periodic):
                 richer += [replace(plain, period=m * period, period_sigma=m * sigma, harmonics=n) for m, n in MULTIPLES]
                 return Form(effect=plain, shapes=tuple(richer), places=places)
 
-            if reach > 3.0 * shortest:
+            if reach > CYCLES * shortest:
                 yield Tone(
                     channel=AXIS, axis=axis, coordinate=lambda run, axis=axis: np.asarray(run.commands[axis]),  # type: ignore[misc]
                     lowest=1.0 / reach, highest=1.0 / shortest, form=form,
