@@ -151,10 +151,10 @@ def test_a_diagnosis_without_a_clock_finds_nothing_over_time() -> None:
     assert " s " not in " ".join(f.says for f in found.findings)
 
 
-def two_nests(folder: Path, effects: list[dict]) -> tuple[Campaign, Campaign]:
+def two_nests(folder: Path, effects: list[dict], step_deg: float = 90.0) -> tuple[Campaign, Campaign]:
     """Two R-tests of the independent plant, and the same without their clocks."""
     machine = plant.static_table()
-    poses = plant.grid_poses(np.arange(-90, 91, 45.0), np.arange(0, 316, 90.0))
+    poses = plant.grid_poses(np.arange(-90, 91, 45.0), np.arange(0, 316, step_deg))
     runs = [
         plant.r_test(machine, "nest1", nest=(90, -20, 50), poses=poses, start_s=0.0),
         plant.r_test(machine, "nest2", nest=(50, 40, 150), poses=poses, start_s=1500.0),
@@ -190,7 +190,7 @@ def test_nothing_slips_in_a_clean_campaign_without_a_clock(tmp_path: Path) -> No
 @pytest.mark.slow
 def test_a_slow_drift_without_a_clock_is_no_slip(tmp_path: Path) -> None:
     drift = {"effect": "thermal_drift", "amplitude": 12.0, "direction": [0.0, 0.6, 0.8], "time_constant_s": 900.0}
-    _, plan = two_nests(tmp_path, [drift])
+    _, plan = two_nests(tmp_path, [drift], step_deg=45.0)
     found = diagnose(plan)
     assert {f.name for f in found.findings} == {"unknown"}
     assert {f.coordinate for f in found.findings} <= {"row in nest1", "row in nest2"}

@@ -236,4 +236,4 @@ def test_vibrations_that_beat_where_one_shock_was_are_not_named(tmp_path: Path) 
     assert [e["effect"] for e in case.effects] == ["shock"]
     (finding,) = found.findings
     assert finding.unidentified and finding.confidence > 0.9
-    assert {effect.coordinate for effect in finding.effects} == {"t"}
+    assert {effect.coordinate.split(", ")[0] for effect in finding.effects} == {"t"}  # one of them changes over X
