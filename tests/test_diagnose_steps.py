@@ -282,17 +282,6 @@ def test_an_alias_is_named_with_its_rival_and_told_apart_by_the_test_it_asks_for
     assert (both.findings[0].name, both.findings[0].axis) == ("backlash", "X") and both.findings[0].confidence > 0.95
 
 
-@pytest.mark.slow
-def test_a_contact_that_creeps_may_be_that_of_another_direction(tmp_path):
-    """Found as a play of X with pre-sliding above 99.9 %, while a carriage that creeps about B reads the same: weighed as a bare
-    step, it explained too little to be fitted."""
-    play = {"effect": "backlash", "axis": "X", "width": 3.0, "form": "presliding", "distance": 150.0}
-    (finding,) = diagnose(_circles(tmp_path, (800.0, 1700.0), [play], 4, "c")).findings
-    assert (finding.name, finding.axis) == ("backlash", "X")
-    assert finding.parameters["distance"].value == pytest.approx(150.0, rel=0.2)
-    assert [(r.effect, r.axis) for r in finding.rivals if r.confidence > 0.1] == [("lateral_play", "X")]
-
-
 @pytest.mark.parametrize(("tilt", "sags"), [(0.0, False), (30.0, True)])
 def test_an_axis_that_stays_upright_has_no_sag_among_its_candidates(tilt, sags):
     """A table that turns about the vertical carries nothing in whose frame gravity turns."""

@@ -33,8 +33,7 @@ class Form:
 
     `places`: among how many equally probable places this one was picked. `channel` and `basis`, (run) → (N, m): where given,
     the readings answer to the effect as to this channel (of an `axis`) times the functions, each with its own factor of the
-    prior 1σ `sigma`. `directions`: of those that the readings see, so many are kept at least. `instead`: the key of an effect
-    beside which it does not act.
+    prior 1σ `sigma`. `directions`: of those that the readings see, so many are kept at least.
     """
 
     effect: Effect
@@ -46,7 +45,6 @@ class Form:
     basis: Callable[[Run], Array] | None = None
     sigma: float = 1.0
     directions: int = 0
-    instead: str = ""
 
     @property
     def placed(self) -> bool:

@@ -67,8 +67,7 @@ class Term:
             return self.needs == other.needs
         if self.effect.unidentified != other.effect.unidentified:
             return self.covers == other.covers
-        instead = self.form.instead == other.effect.key or other.form.instead == self.effect.key
-        return instead or self.slot == other.slot or bool(self.frees & other.frees)
+        return self.slot == other.slot or bool(self.frees & other.frees)
 
 
 def candidates(campaign: Campaign, exclude: Collection[str] = ()) -> Candidates:
