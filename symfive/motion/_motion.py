@@ -328,9 +328,9 @@ class RunMotion:
         position, interval = self.axis(name).position, self.run.interval
         if self.recorded(name) is not None or self.run.steps[:LEAD_ROWS][-1] != LEAD_ROWS - 1:
             return self.run.time, position, 0
-        first = len(self._lead(position.value))
-        before = self.run.time[0] - interval * np.arange(first, 0, -1)
         led = position.through(lambda column: np.concatenate([self._lead(column), column]))
+        first = len(led.value) - self.run.rows
+        before = self.run.time[0] - interval * np.arange(first, 0, -1)
         return np.concatenate([before, self.run.time]), led, first
 
     def fine_acceleration(self, name: str, interval: float) -> tuple[Series, Indices, float]:

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from symfive.arrays import Array, Indices
+from symfive.arrays import Indices
 from symfive.effects import Effect
 from symfive.identify import Identification
 from symfive.posterior._eliminate import eliminated
@@ -27,23 +27,16 @@ def laws_apart(here: Expansion) -> Identification:
     gram = fit.problem().information_at(fit.values).matrix * np.outer(scale, scale)
     turn = np.eye(len(scale))
     for laws, beside in _pairs(here):
-        own = np.append(laws, beside)
-        order = np.append(_of_no_effect(here), own)
-        square = np.pad(gram[np.ix_(order, order)], (0, 1))[None]  # of no residual
-        reduced = eliminated(square, len(order) - len(own), np.zeros(len(order) - len(own)))[0][0, :-1, :-1]
-        first = len(laws)
+        others, first = _of_no_effect(here), len(laws)
+        order = np.concatenate([others, laws, beside])
+        (reduced,), _ = eliminated(gram[None, order[:, None], order], len(others), np.zeros(len(others)))
         h, cross, g = reduced[:first, :first], reduced[:first, first:], reduced[first:, first:]
         held = np.linalg.lstsq(h, cross, rcond=None)[0]
         turn[np.ix_(laws, beside)] = held
         turn[np.ix_(beside, beside)] -= np.linalg.lstsq(g, cross.T @ held, rcond=None)[0]
     turn *= scale[:, None] / scale
-    return replace(fit, values=_moved(fit, turn), covariance=turn @ fit.covariance @ turn.T)
-
-
-def _moved(fit: Identification, turn: Array) -> Array:
-    """The values, amplitudes counted from their means."""
     mean = fit.model.prior_mean
-    return np.asarray(mean + turn @ (fit.values - mean))
+    return replace(fit, values=mean + turn @ (fit.values - mean), covariance=turn @ fit.covariance @ turn.T)
 
 
 def _pairs(here: Expansion) -> Iterator[tuple[Indices, Indices]]:
