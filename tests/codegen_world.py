@@ -50,14 +50,16 @@ def loaded(path: Path) -> ModuleType:
     return module
 
 
-def fitted(machine: Machine, seed: int = 0) -> FittedModel:
-    """A model as an identification leaves it, with drawn values."""
+def fitted(machine: Machine, values: dict[str, float] | None = None, seed: int = 0) -> FittedModel:
+    """A model as an identification leaves it, with given or drawn values."""
     parameters = subject_of(machine).parameters
     drawn = np.random.default_rng(seed).normal(size=len(parameters))
-    values = {p.name: float(round(v * p.sigma, 3)) for p, v in zip(parameters, drawn, strict=True)}
-    names = tuple(values)
+    chosen = {p.name: float(round(v * p.sigma, 3)) for p, v in zip(parameters, drawn, strict=True)}
+    if values is not None:
+        chosen = {p.name: values.get(p.name, 0.0) for p in parameters}
+    names = tuple(chosen)
     return FittedModel(
-        machine=machine, effects=(), values=values, std=dict.fromkeys(names, 1.0), names=names,
+        machine=machine, effects=(), values=chosen, std=dict.fromkeys(names, 1.0), names=names,
         units={p.name: p.unit for p in parameters}, covariance=np.eye(len(names)),
     )  # fmt: skip
 

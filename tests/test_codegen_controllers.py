@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from codegen_world import fitted
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -21,24 +22,9 @@ from symfive.codegen.linuxcnc import pin_names
 from symfive.codegen.setp import entered_fit
 from symfive.errors import InputError
 from symfive.machine import ErrorTerm, Machine, Structure, make_axis, preset, presets
-from symfive.model import FittedModel
 
 WORLD = "XYZABCUVW"
 MODULES = Path("/usr/lib/linuxcnc/modules")
-
-
-def fitted(machine: Machine, values: dict[str, float] | None = None, seed: int = 0) -> FittedModel:
-    """A model as an identification leaves it, with given or drawn values."""
-    parameters = subject_of(machine).parameters
-    drawn = np.random.default_rng(seed).normal(size=len(parameters))
-    chosen = {p.name: float(round(v * p.sigma, 3)) for p, v in zip(parameters, drawn, strict=True)}
-    if values is not None:
-        chosen = {p.name: values.get(p.name, 0.0) for p in parameters}
-    names = tuple(chosen)
-    return FittedModel(
-        machine=machine, effects=(), values=chosen, std=dict.fromkeys(names, 1.0), names=names,
-        units={p.name: p.unit for p in parameters}, covariance=np.eye(len(names)),
-    )  # fmt: skip
 
 
 class Kinematics:

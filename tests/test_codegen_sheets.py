@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_codegen_controllers import fitted
+from codegen_world import fitted
 
 from symfive.cli import main
 from symfive.codegen import TARGETS, codegen, read_isg, subject_of

@@ -3,28 +3,34 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import plant
 import pytest
 from posterior_world import CAMPAIGNS, NOISE, bars
 
-from symfive.campaign import read_campaign
+from symfive.campaign import Campaign, read_campaign
 from symfive.diagnose import diagnose
 
 
-@pytest.mark.slow
-def test_a_play_that_a_tilt_closes_is_no_backlash_but_unknown_over_both(tmp_path: Path) -> None:
-    """A law of the library that holds at one tilt only: its name was said with 0.999, and two more beside it."""
+def two_nests(folder: Path, effect: dict[str, Any], seed: int) -> Campaign:
+    """R-tests in two nests of the independent plant, with one effect."""
     machine = plant.static_table()
     poses = plant.grid_poses(np.arange(-90, 91, 30.0), np.arange(0, 331, 30.0))
     runs = [
         plant.r_test(machine, "nest1", nest=(90, -20, 50), poses=poses),
         plant.r_test(machine, "nest2", nest=(50, 40, 150), poses=poses, start_s=1500.0),
     ]
+    plant.write_campaign(folder, machine, runs, {"EX0B": 30.0}, None, [effect], seed=seed)
+    return read_campaign(folder)
+
+
+@pytest.mark.slow
+def test_a_play_that_a_tilt_closes_is_no_backlash_but_unknown_over_both(tmp_path: Path) -> None:
+    """A law of the library that holds at one tilt only: its name was said with 0.999, and two more beside it."""
     play = {"effect": "preloaded_play", "axis": "C", "tilt": "B", "limit": 0.8, "width": 60.0}
-    plant.write_campaign(tmp_path, machine, runs, {"EX0B": 30.0}, None, [play], seed=5)
-    found = diagnose(read_campaign(tmp_path))
+    found = diagnose(two_nests(tmp_path, play, seed=5))
     assert [f.name for f in found.findings] == ["unknown"]
     assert set(found.findings[0].coordinate.split(", ")) == {"C velocity sign", "B"}
     after, before = found.fit.chi2_dof_after, found.fit.chi2_dof_before
@@ -34,15 +40,8 @@ def test_a_play_that_a_tilt_closes_is_no_backlash_but_unknown_over_both(tmp_path
 @pytest.mark.slow
 def test_what_comes_back_over_time_is_unknown_over_time_with_its_period(tmp_path: Path) -> None:
     """A cooler that goes on and off: no drift, and no course of few intervals follows it."""
-    machine = plant.static_table()
-    poses = plant.grid_poses(np.arange(-90, 91, 30.0), np.arange(0, 331, 30.0))
-    runs = [
-        plant.r_test(machine, "nest1", nest=(90, -20, 50), poses=poses),
-        plant.r_test(machine, "nest2", nest=(50, 40, 150), poses=poses, start_s=1500.0),
-    ]
     cooler = {"effect": "coolant_cycle", "direction": [0.6, 0.0, 0.8], "amplitude": 3.0, "period_s": 410.0, "rise": 0.3}
-    plant.write_campaign(tmp_path, machine, runs, {"EX0B": 30.0}, None, [cooler], seed=6)
-    found = diagnose(read_campaign(tmp_path))
+    found = diagnose(two_nests(tmp_path, cooler, seed=6))
     assert [(f.name, f.coordinate) for f in found.findings] == [("unknown", "t")]
     period = found.findings[0].parameters["period"]
     assert period.value == pytest.approx(410.0, abs=3.0 * period.std) and period.std < 8.0
