@@ -131,7 +131,7 @@ def test_a_step_of_the_compensation_table_is_placed_between_two_positions(tmp_pa
 
 
 def test_a_step_is_looked_for_where_the_fit_leaves_it_and_not_where_it_is_absorbed(tmp_path):
-    """Bars at rest: a step anywhere else would have more to do with the residual, and the geometry swallows it whole."""
+    """Bars at rest: a step anywhere else would have more to do with the residual, and the geometry absorbs it whole."""
     machine = plant.static_table()
     step = {"effect": "compensation_table_step", "axis": "X", "at": -60.0, "ramp": 2.0, "step": 6.0}
     campaign = read_by_the_plant(tmp_path / "c", machine, bar_runs(machine), [step])
@@ -243,7 +243,7 @@ LACKING = [
      {"effect": "transmission_error", "axis": "X", "period": 12.0, "amplitude": 3.0, "phase": 1.0},
      marks=[pytest.mark.slow, wrong("it is put over Y")]),
 ]  # fmt: skip
-"""The coordinate of an effect, and what the library must lack so that nothing in it reads alike."""
+"""The coordinate of an effect, and what the library must lack so that nothing in it gives the same readings."""
 
 
 @pytest.mark.parametrize(("coordinate", "exclude", "effect"), LACKING)

@@ -71,7 +71,7 @@ def refuted() -> Diagnosis:
 
 @pytest.fixture(scope="module")
 def halved() -> Diagnosis:
-    """Learnt from the first half of one run with play."""
+    """Fitted on the first half of one run with play."""
     return diagnose(axis_test(), hold_out="half")
 
 

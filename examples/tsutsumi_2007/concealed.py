@@ -165,5 +165,5 @@ def named(diagnosis: Diagnosis) -> list[str]:
 
 
 def sentences(diagnosis: Diagnosis) -> Sequence[str]:
-    """The letter in lines."""
+    """The summary in lines."""
     return [f"  {finding.says}" for finding in diagnosis.findings] or [f"  {diagnosis.summary}"]

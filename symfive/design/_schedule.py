@@ -24,7 +24,7 @@ __all__ = ["SETUP_S", "Laid", "RunMoves", "Schedule", "on_ways", "retimed", "sch
 SETUP_S = 300.0
 """Time to place a nest or a ball and to mount the tool, before each run."""
 UNSAFE_S = 60.0
-"""What a move on which the spindle has to be drawn back (or the bar taken off) costs while the order is sought."""
+"""What a move on which the spindle has to be drawn back (or the bar removed) costs while the order is sought."""
 DRIFT_UM_PER_H = 30.0
 
 
