@@ -119,4 +119,5 @@ def _p_value(posterior: Posterior) -> float:
     """Bound of the p-value of a clean campaign: the posterior odds of nothing over its prior odds. Where nothing is missing an
     evidence ratio exceeds r with a probability of 1/r at most (V. Vovk & R. Wang 2021)."""
     nothing = posterior.weights.get(frozenset(), 0.0)
-    return float(np.clip(EXPECTED * nothing / max(1.0 - nothing, 1e-300), 1e-300, 1.0))
+    odds = EXPECTED + sum(term.form.measured for term in posterior.moments.terms)
+    return float(np.clip(odds * nothing / max(1.0 - nothing, 1e-300), 1e-300, 1.0))

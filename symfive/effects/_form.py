@@ -33,7 +33,8 @@ class Form:
 
     `places`: among how many equally probable places this one was picked. `channel` and `basis`, (run) → (N, m): where given,
     the readings answer to the effect as to this channel (of an `axis`) times the functions, each with its own factor of the
-    prior 1σ `sigma`. `directions`: of those that the readings see, so many are kept at least.
+    prior 1σ `sigma`. `directions`: of those that the readings see, so many are kept at least. `measured`: it is just what the
+    readings are deviations of, so that whether it is there is an even question and no surprise.
     """
 
     effect: Effect
@@ -45,6 +46,7 @@ class Form:
     basis: Callable[[Run], Array] | None = None
     sigma: float = 1.0
     directions: int = 0
+    measured: bool = False
 
     @property
     def placed(self) -> bool:

@@ -112,7 +112,18 @@ def _form(effect: Unknown, campaign: Campaign) -> Form:
         basis=basis,
         sigma=effect.parameters(campaign)[0].sigma,
         directions=len(effect.functions(campaign.machine).names) if effect.knots else 0,
+        measured=_measured(effect, campaign),
     )
+
+
+def _measured(effect: Unknown, campaign: Campaign) -> bool:
+    """Whether it is the positioning deviation of an axis, by position and direction if it reverses, in a test by ISO 230-2."""
+    axis = effect.axis
+    if effect.place != "axis" or not any(
+        "laser" in run.instrument and run.options.get("axis") == axis and not run.dynamic for run in campaign.runs
+    ):
+        return False
+    return effect.over == ((axis, f"{axis}{SIGN}") if axis in reversing(campaign) else (axis,))
 
 
 def share_of(name: str) -> float:

@@ -140,7 +140,7 @@ def terms_of(forms: Sequence[Form]) -> tuple[Term, ...]:
         slot: tuple[object, ...]
         effect, name = form.effect, name_of(form.effect)
         if effect.unidentified:
-            prior = UNIDENTIFIED / (1 if isinstance(effect, Varying) else open_)
+            prior = 1.0 if form.measured else UNIDENTIFIED / (1 if isinstance(effect, Varying) else open_)
             slot, covers = ("", effect.coordinate), (form.channel, effect.coordinate)
         else:
             covers = effect.answers or ("", "")
