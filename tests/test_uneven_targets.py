@@ -7,24 +7,30 @@ import pytest
 
 from symfive.campaign import Campaign, Run
 from symfive.diagnose import Diagnosis, diagnose
+from symfive.effects import Tone
+from symfive.effects.transmission_error import TransmissionError
 from symfive.machine import Machine, Structure, make_axis
 
 NOISE_UM, PITCH, AMPLITUDE = 0.4, 10.0, 3.0
 
 
-def diagnosed(targets: np.ndarray) -> Diagnosis:
-    """Five cycles up and down, a sine of the screw, read by a laser."""
+def campaign(way: np.ndarray) -> Campaign:
+    """Positions of an axis with a sine of its screw, read by a laser."""
     rng = np.random.default_rng(4)
     machine = Machine(
         name="axis", structure=Structure.parse("w b X t"), axes={"X": make_axis("X", travel=(-320.0, 320.0))}
     )
-    way = np.tile(np.concatenate([targets, targets[::-1] - 1e-6]), 5)
     read = AMPLITUDE * np.sin(2.0 * np.pi * way / PITCH + 0.5) + NOISE_UM * rng.standard_normal(len(way))
     run = Run(
         id="laser", instrument=("laser",), sampling="static", time=np.arange(float(len(way))), commands={"X": way},
         readings={"X_dev_um": read}, noise_um=NOISE_UM, options={"axis": "X"},
     )  # fmt: skip
-    return diagnose(Campaign(machine=machine, runs=(run,)))
+    return Campaign(machine=machine, runs=(run,))
+
+
+def diagnosed(targets: np.ndarray) -> Diagnosis:
+    """Five cycles up and down."""
+    return diagnose(campaign(np.tile(np.concatenate([targets, targets[::-1] - 1e-6]), 5)))
 
 
 def test_the_pitch_is_found_below_the_step_of_uneven_targets() -> None:
@@ -42,3 +48,12 @@ def test_the_pitch_is_found_below_the_step_of_uneven_targets() -> None:
 def test_even_targets_say_nothing_of_a_pitch_below_their_step() -> None:
     """At every target of a step of three pitches the screw is in the same place."""
     assert diagnosed(-300.0 + 30.0 * np.arange(21.0)).findings == ()
+
+
+def test_positions_in_clusters_are_no_targets() -> None:
+    """Poses of an arm, some 10 µm apart, were compared with every frequency up to 8 periods a step: a minute."""
+    rng = np.random.default_rng(1)
+    way = np.repeat(rng.uniform(-300.0, 300.0, 30), 10) + rng.uniform(-0.01, 0.01, 300)
+    tone = next(one for one in TransmissionError.candidates(campaign(way)) if isinstance(one, Tone))
+    steps = np.abs(np.diff(way))
+    assert tone.highest == pytest.approx(1.0 / (2.5 * np.median(steps[steps > 1e-5])))

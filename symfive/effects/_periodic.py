@@ -104,9 +104,9 @@ def reach_and_shortest(runs: Iterable[Run], axis: str) -> tuple[float, float]:
 
 def _uneven(targets: Array, step: float) -> float:
     """How many times shorter periods some targets resolve than even ones a `step` apart: until a frequency reads like 0
-    (L. Eyer & P. Bartholdi 1999)."""
-    reach = float(np.ptp(targets))
-    if len(targets) > MANY or reach < CYCLES * READINGS * step:
+    (L. Eyer & P. Bartholdi 1999). Positions in clusters, with steps far below their mean distance, are no targets."""
+    reach, count = float(np.ptp(targets)), len(targets)
+    if count > MANY or not CYCLES * READINGS * step <= reach <= FINER * count * step:
         return 1.0
     frequencies = np.arange(0.5 / step, FINER / step, 0.1 / reach)
     window = np.abs(np.exp(2j * np.pi * np.outer(frequencies, targets)).mean(axis=1))
