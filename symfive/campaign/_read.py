@@ -220,6 +220,8 @@ def _text(campaign: Campaign) -> str:
         place = Path("campaign")
         try:
             original = _normalised(parse_toml(place, campaign.text), campaign.machine)
+            if original == data:
+                return campaign.text
             edited = edited_toml(campaign.text, original, data)
             if edited is not None and _normalised(parse_toml(place, edited), campaign.machine) == data:
                 return edited

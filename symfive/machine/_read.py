@@ -76,6 +76,8 @@ def _text(machine: Machine) -> str:
     if machine.text:
         place = Path("machine")
         original = machine_to_data(_from_toml(parse_toml(place, machine.text)))
+        if original == data:
+            return machine.text
         edited = edited_toml(machine.text, original, data)
         try:
             if edited is not None and machine_to_data(_from_toml(parse_toml(place, edited))) == data:
