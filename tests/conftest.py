@@ -1,5 +1,6 @@
 """What tests compile lies in a folder of the run, cold at first and shared by workers; `SYMFIVE_COMPILER=none` forbids it."""
 
+import gc
 import os
 import shutil
 import tempfile
@@ -22,6 +23,15 @@ def _own_cache() -> None:
 MADE = FOLDER not in os.environ
 if MADE:
     _own_cache()
+gc.disable()  # until all tests are collected: modules are not garbage
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_finish() -> None:
+    """Look for garbage among what tests make, seldom, and not in the half million objects of modules and test functions."""
+    gc.freeze()
+    gc.set_threshold(20_000, 10, 10)
+    gc.enable()
 
 
 @pytest.hookimpl(trylast=True)
