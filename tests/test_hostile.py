@@ -27,12 +27,20 @@ PLAN = campaign_of(MACHINE, r_test_grid(MACHINE, step_deg=120.0))
 MEASURED = simulate(PLAN, seed=1).campaign
 
 
+@pytest.fixture(scope="module")
+def written(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("written")
+    write_campaign(PLAN, folder / "plan")
+    write_campaign(MEASURED, folder / "measured")
+    write_machine(MACHINE, folder / "machine.toml")
+    (folder / "ccw.csv").write_text("angle,deviation\n" + "".join(f"{a},{a % 3}\n" for a in range(0, 360, 2)))
+    return folder
+
+
 @pytest.fixture
-def here(tmp_path, monkeypatch) -> Path:
-    write_campaign(PLAN, tmp_path / "plan")
-    write_campaign(MEASURED, tmp_path / "measured")
-    write_machine(MACHINE, tmp_path / "machine.toml")
-    (tmp_path / "ccw.csv").write_text("angle,deviation\n" + "".join(f"{a},{a % 3}\n" for a in range(0, 360, 2)))
+def here(written, tmp_path, monkeypatch) -> Path:
+    """A copy of one's own of what is written once, and this as the working folder."""
+    shutil.copytree(written, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
     return tmp_path
 

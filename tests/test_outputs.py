@@ -36,16 +36,24 @@ def fitted():
     return fitted_model(identify(MEASURED))
 
 
+@pytest.fixture(scope="module")
+def written(tmp_path_factory, fitted):
+    """A plan, readings made by hand (no manifest), a model."""
+    folder = tmp_path_factory.mktemp("written")
+    write_campaign(PLAN, folder / "plan")
+    write_campaign(MEASURED, folder / "byhand")
+    (folder / "byhand" / MANIFEST).unlink()
+    (folder / "model").mkdir()
+    write_model(fitted, folder / "model" / "model.json")
+    (folder / "probe.xml").write_text("<MTConnectDevices/>")
+    (folder / "ccw.csv").write_text("angle,deviation\n" + "".join(f"{a},{a % 3}\n" for a in range(0, 360, 2)))
+    return folder
+
+
 @pytest.fixture
-def here(tmp_path, monkeypatch, fitted):
-    """A plan, readings made by hand (no manifest), a model, and this as the working folder."""
-    write_campaign(PLAN, tmp_path / "plan")
-    write_campaign(MEASURED, tmp_path / "byhand")
-    (tmp_path / "byhand" / MANIFEST).unlink()
-    (tmp_path / "model").mkdir()
-    write_model(fitted, tmp_path / "model" / "model.json")
-    (tmp_path / "probe.xml").write_text("<MTConnectDevices/>")
-    (tmp_path / "ccw.csv").write_text("angle,deviation\n" + "".join(f"{a},{a % 3}\n" for a in range(0, 360, 2)))
+def here(written, tmp_path, monkeypatch):
+    """A copy of one's own of what is written once, and this as the working folder."""
+    shutil.copytree(written, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
