@@ -280,8 +280,10 @@ class Play:
         for name, tangent in position.tangents.items():
             halves[name] = 0.5 * sign * growth * tangent
         tangents = _play_tangents(state, half, position, halves)
-        if self.start in motion.values:  # until the first flank the output stands where it began
-            standing = np.logical_and.accumulate(np.abs(state) < 1.0)
+        if self.start in motion.values:  # until the first flank the output stands where it began, at a flank if not pushed
+            pushed = motion.values[self.start] * (position.value - position.value[0]) > 0.0
+            began = (state == motion.values[self.start]) & ~np.logical_or.accumulate(pushed)
+            standing = np.logical_and.accumulate((np.abs(state) < 1.0) | began)
             tangents[self.start] = np.where(standing, half[0] / half, 0.0)
         return Series(state, tangents, steps=True)
 
