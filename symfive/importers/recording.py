@@ -48,7 +48,7 @@ class Setting:
     `centre` mm of the table ball in the workpiece frame, `tool_ball` mm in the tool frame, `radius` mm of the circle (the
     bar's length), `feed` mm/min, `hold` positions of axes without a column, `axis` of a positioning test, `noise_um` 1σ of a
     reading, µm or µrad (of a force N or Nm); `fitted` where the software removed centre and mean radius; `direction` `ccw` or
-    `cw` where the angles do not run as the circle did; `static` where the axes are at rest at each row of a recording with a time.
+    `cw` where the angles do not run as the circle did; `static` where the axes are at rest at each row of a timed recording.
     """
 
     centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
