@@ -80,6 +80,8 @@ def test_a_rival_that_only_the_priors_make_improbable_spoils_no_test_against_the
     assert dict(both.each)["sag"] == pytest.approx(10.5, abs=0.05) and dict(both.each)["cubic"] < APART
     assert "sag by 10.5σ" in both.says and "cubic" in both.says
     assert not in_common({"cubic": part(3.2, 3.3, 3.25)}, runs).useful
+    nothing = in_common({"cubic": part(0.0, 0.01, 0.04)}, runs)
+    assert not nothing.useful and "no further test" in nothing.says
 
 
 def test_further_tests_are_those_that_part_what_the_first_leaves():

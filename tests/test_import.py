@@ -170,7 +170,9 @@ def test_a_recording_of_the_drive_names_its_axis(column: str, option: dict[str, 
     (tmp_path / "c.csv").write_text("\n".join([f"time [s],C [deg],{column}", *rows]))
     campaign = _imported(tmp_path, "table-bc", tmp_path / "c.csv", "--yes")
     assert campaign.runs[0].options == option
-    assert f"noise 0.3 {'°' if 'deg' in column else 'Nm'}" in str(campaign.runs[0])
+    assert campaign.runs[0].noise(campaign.runs[0].instrument[0]) == pytest.approx(
+        np.degrees(0.3e-6) if "deg" in column else 0.3
+    )
     assert main(["check", str(tmp_path / "out"), "-q"]) == 0
 
 
@@ -265,7 +267,7 @@ WRONG = {
     "positions": (["1;1.01", "2;2.02", "4;3.99"], ["--map", "target=1:mm", "--map", "deviation=2:mm"], "these are positions",
                   "--map measured=2:mm"),
     "both": (["1;1.01;1", "2;2.02;2"], ["--map", "target=1:mm", "--map", "up=2:mm", "--map", "down=3:mm"], "are positions", ""),
-    "side": (["1;2", "2;3"], ["--map", "target=1:mm"], "deviation or measured", "--map measured=2:mm"),
+    "side": (["1;2", "2;3"], ["--map", "target=1:mm"], "or columns up and down", "--map up=2:um --map down=3:um"),
     "split": (["1;2", "2;3"], ["--map", "X=1:mm", "--map", "dL=2:um", "--radius", "100", "--split", "cycles"], "repeats", ""),
 }  # fmt: skip
 

@@ -56,7 +56,12 @@ if TYPE_CHECKING:
 @click.option("--plane", default="XY", help="XY, YZ or ZX.")
 @click.option("--direction", multiple=True, help="ccw or cw, one per file, where the angles do not follow the motion.")
 @click.option("--hold", multiple=True, help="AXIS=POSITION of an axis without a column; may be repeated.")
-@click.option("--noise-um", type=POSITIVE, default=0.3, help="1σ of one reading, from the instrument's data sheet.")
+@click.option(
+    "--noise-um",
+    type=POSITIVE,
+    default=0.3,
+    help="1σ of one reading in µm or µrad (of a force N or Nm), from the data sheet.",
+)
 @click.option("--static", is_flag=True, help="The axes are at rest at each row of a recording with a time.")
 @click.option("--fitted", is_flag=True, help="The software removed each circle's mean radius and centre.")
 @click.option("--angle-error", type=Number(0.0), default=0.5, help="Uncertainty of the angle in degrees.")

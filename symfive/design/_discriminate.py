@@ -67,8 +67,8 @@ class Discrimination(OnScreen):
 
     @property
     def useful(self) -> bool:
-        """Whether the best candidate raises the separation."""
-        return self.separation > USELESS * max(self.before, 1e-9)
+        """Whether the explanations are separated with the best candidate, and better than they were."""
+        return self.separation >= APART and self.separation > USELESS * self.before
 
     def __str__(self) -> str:
         return f"{self.says}\n{self.test}"

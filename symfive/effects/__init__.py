@@ -16,6 +16,7 @@ from symfive.effects._quantity import Quantity
 from symfive.effects._words import coordinate_words, effect_words, form_words
 from symfive.effects.axis_growth import AxisGrowth
 from symfive.effects.backlash import Backlash
+from symfive.effects.bar_length import BarLength
 from symfive.effects.bar_temperature import BarTemperature
 from symfive.effects.counterbalance import Counterbalance
 from symfive.effects.eccentric_mass import EccentricMass
@@ -86,6 +87,7 @@ _TABLE: tuple[type[Effect], ...] = (
     SensorLowPass,
     SpindleGrowth,
     AxisGrowth,
+    BarLength,
     BarTemperature,
     TableStep,
     Counterbalance,

@@ -81,7 +81,8 @@ class Scan:
 class Tone:
     """Forms that are a sine over a coordinate, (run) → (N,): cycles per unit from `lowest` to `highest` are looked for.
 
-    `form` (cycles per unit, their resolution, number of places) makes the exact form.
+    `form` (cycles per unit, their resolution, number of places) makes the exact form. Where the recordings do not share the zero
+    of the coordinate, `phased` gives it the phase (rad) of each run but the first, by its id, at the run's zero.
     """
 
     channel: str
@@ -91,6 +92,7 @@ class Tone:
     form: Callable[[float, float, int], Form]
     axis: str | None = None
     runs: tuple[str, ...] = field(default=())
+    phased: Callable[[Form, Mapping[str, float]], Form] | None = None
 
 
 Forms = Iterable[Form | Scan | Tone]

@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from symfive.effects._base import Effect
-from symfive.effects._form import Forms
+from symfive.effects._form import Forms, moving
 from symfive.effects._quantity import Covariance, Quantity, Values, propagate
 from symfive.errors import InputError
 from symfive.motion import Position
@@ -21,16 +21,16 @@ from symfive.runs import Campaign
 SHAPES = ("exponential", "linear")
 PPM = 20.0
 """1σ of the growth: a steel screw (11.5 ppm/K) that is some two kelvins warmer than its scale."""
-UM_PER_PPM_MM = 1e-3
 
 
 @dataclass(frozen=True, kw_only=True)
 class AxisGrowth(Effect):
-    """q → q + (growth·q + shift)·g(t), t on the campaign's clock.
+    """q → q + growth·(q - held)·g(t), t on the campaign's clock.
 
     `shape`: `exponential`, g = 1 - exp(-t/time_constant_s); `linear`, g = t/span_s, of which only the first part is seen and
-    `span_s` is how long the campaign runs. A screw or scale grows away from where it is held, at q = -shift/growth, wherever that
-    is. Typical 10–100 µm/h at the free end of a steel screw, τ of 5–60 min.
+    `span_s` is how long the campaign runs. A screw or scale grows away from where it is `held`, anywhere on the travel: a shift
+    that is the same everywhere is no growth, but a drift of the tool. Typical 10–100 µm/h at the free end of a steel screw, τ of
+    5–60 min.
     """
 
     id = "axis_growth"
@@ -60,12 +60,20 @@ class AxisGrowth(Effect):
 
     @classmethod
     def candidates(cls, campaign: Campaign) -> Forms:
-        """None by itself: as its place is free, it takes the place of any drift of the tool along an axis."""
-        return ()
+        for axis in moving(campaign):
+            if axis in campaign.machine.linear_axes:
+                effect = cls(axis=axis)
+                for form in effect.at_time_constants(campaign, cls(axis=axis, shape="linear")):
+                    yield form
+                    for end in (0.0, np.ptp(effect.its_axis(campaign).travel)):
+                        yield replace(form, at={**form.at, f"{effect.key}.held": float(end)})
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
-        farthest = max(map(abs, self.its_axis(campaign).travel))
-        found = (self.own("growth", "ppm", PPM), self.own("shift", "um", PPM * farthest * UM_PER_PPM_MM))
+        way = float(np.ptp(self.its_axis(campaign).travel))
+        held = self.own(
+            "held", "mm", way / math.sqrt(12.0), mean=0.5 * way
+        )  # anywhere, from the lower end of the travel
+        found = (self.own("growth", "ppm", PPM), held)
         return found if self.shape == "linear" else (*found, self.time_constant(0.5 * self.clock_span(campaign)))
 
     def apply(self, row: Row) -> None:
@@ -74,16 +82,20 @@ class AxisGrowth(Effect):
             grown = row.clock / self.span_s
         else:
             grown = 1.0 - ca.exp(-row.clock / self.parameter(row, "time_constant_s"))
-        far = self.parameter(row, "growth") * row.signal(Position(axis)) + self.parameter(row, "shift")
-        row.axis[axis] += far * grown
+        far = row.signal(Position(axis)) - row.machine.axes[axis].travel[0] - self.parameter(row, "held")
+        row.axis[axis] += self.parameter(row, "growth") * far * grown
 
     def describe(self, campaign: Campaign, values: Values, covariance: Covariance) -> dict[str, Quantity]:
-        """Its parameters, and `reached`, the growth at the end of the campaign: well known where growth and time constant are
-        not, because only the first part of the rise was seen."""
+        """Its parameters, `held` as a position of the axis, and `reached`, the growth at the end of the campaign: well known
+        where growth and time constant are not, because only the first part of the rise was seen."""
         end, names = self.clock_span(campaign), [p.name for p in self.parameters(campaign)]
 
         def reached(p: Any) -> list[float]:
             return [float(p[0] * (end / self.span_s if self.shape == "linear" else 1.0 - np.exp(-end / p[2])))]
 
         (value,), (std,) = propagate(reached, names, values, covariance)
-        return {**super().describe(campaign, values, covariance), "reached": Quantity(float(value), float(std), "ppm")}
+        found = super().describe(campaign, values, covariance)
+        held = found["held"]
+        assert isinstance(held.value, float)
+        found["held"] = replace(held, value=self.its_axis(campaign).travel[0] + held.value)
+        return {**found, "reached": Quantity(float(value), float(std), "ppm")}

@@ -35,6 +35,8 @@ TURN_MM = 1e-6
 the side."""
 SMALL = {"um": 1e3, "urad": 1e6 * np.pi / 180.0}
 """Unit of a reading → what multiplies it from mm or degree."""
+LARGE = {"mm": 1.0 / SMALL["um"], "deg": 1.0 / SMALL["urad"]}
+"""Unit of a reading → what multiplies a noise to it from µm or µrad, in which every noise is given (a force's in N or Nm)."""
 KINDS = {kind: (name, units) for name, found in INSTRUMENTS.items() for kind, *units in found.imported}
 """What a column of readings may be called → the instrument, and its units in a campaign for a linear and for a rotary axis."""
 
@@ -45,8 +47,8 @@ class Setting:
 
     `centre` mm of the table ball in the workpiece frame, `tool_ball` mm in the tool frame, `radius` mm of the circle (the
     bar's length), `feed` mm/min, `hold` positions of axes without a column, `axis` of a positioning test, `noise_um` 1σ of a
-    reading; `fitted` where the software removed centre and mean radius; `direction` `ccw` or `cw` where the angles do not
-    run as the circle did; `static` where the axes are at rest at each row of a recording with a time.
+    reading, µm or µrad (of a force N or Nm); `fitted` where the software removed centre and mean radius; `direction` `ccw` or
+    `cw` where the angles do not run as the circle did; `static` where the axes are at rest at each row of a timed recording.
     """
 
     centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -154,8 +156,9 @@ def _positioning(machine: Machine, columns: Columns, setting: Setting, id: str) 
         _refuse_positions(where, deviation, "up and down")
         return positioning_run(machine, where, deviation, setting, id)
     if ("deviation" in columns) == ("measured" in columns):
-        problem = "a positioning test needs one column deviation or measured beside the target"
-        raise InputError(problem, remedy="say which: --map deviation=2:um, or --map measured=2:mm")
+        problem = "a positioning test needs one column deviation or measured beside the target, or columns up and down"
+        remedy = "say which: --map deviation=2:um, --map measured=2:mm, or once for each column --map up=2:um --map down=3:um"
+        raise InputError(problem, remedy=remedy)
     if "measured" in columns:
         return positioning_run(machine, target, _one(columns, "measured") - target, setting, id)
     deviation = _one(columns, "deviation")
@@ -241,7 +244,7 @@ def _distance(found: Columns, nominal: Columns) -> float:
 def recorded_run(machine: Machine, columns: Columns, setting: Setting, id: str) -> Run:
     """A recording: dynamic where it has a time and is not `setting.static`. Axes without a column stand where `setting.hold`
     says, which then is needed of one, or at home."""
-    readings, instruments, read = dict[str, Array](), dict[str, None](), dict[str, list[str]]()
+    readings, noise, read = dict[str, Array](), dict[str, float](), dict[str, list[str]]()
     for name in columns:
         kind = name if name in KINDS else name.partition("_")[2]
         if kind not in KINDS:
@@ -250,7 +253,7 @@ def recorded_run(machine: Machine, columns: Columns, setting: Setting, id: str) 
         instrument, units = KINDS[kind]
         unit = units[axis is not None and axis.rotary]
         readings[f"{name}_{unit}"] = _one(columns, name) * SMALL.get(unit, 1.0)
-        instruments[instrument] = None
+        noise[instrument] = setting.noise_um * LARGE.get(unit, 1.0)
         read.setdefault(instrument, []).append(name.partition("_")[0])
     commands = {name: _one(columns, name) for name in columns if name in machine.axes}
     if not readings or not (commands or setting.hold):
@@ -263,12 +266,13 @@ def recorded_run(machine: Machine, columns: Columns, setting: Setting, id: str) 
         raise InputError(f"the columns ({there}) hold no {lacking}", remedy=remedy)
     rows = len(next(iter(readings.values())))
     time = _one(columns, "time") if "time" in columns else None
-    u, v = (np.eye(3)[i] for i in PLANES[setting.plane]) if "grid_encoder" in instruments else (None, None)
+    u, v = (np.eye(3)[i] for i in PLANES[setting.plane]) if "grid_encoder" in noise else (None, None)
     run = Run(
-        id=id, instrument=tuple(instruments), sampling="static" if time is None or setting.static else "dynamic",
+        id=id, instrument=tuple(noise), sampling="static" if time is None or setting.static else "dynamic",
         clock="none" if time is None else "recorded", time=np.arange(float(rows)) if time is None else time - time[0],
         commands=Nominal(machine).commands({**setting.hold, **commands}, rows), readings=readings, table_ball=setting.centre,
-        tool_ball=tool_ball_of(machine, setting.tool_ball), length=setting.radius, noise_um=setting.noise_um,
+        tool_ball=tool_ball_of(machine, setting.tool_ball), length=setting.radius,
+        noise_um=noise if len(noise) > 1 else next(iter(noise.values())),
         u=None if u is None else (float(u[0]), float(u[1]), float(u[2])),
         v=None if v is None else (float(v[0]), float(v[1]), float(v[2])),
         options=_options(read),

@@ -94,7 +94,8 @@ def approach(positions: Array) -> Array:
 
 @dataclass(frozen=True)
 class Direction(_OfAxis):
-    """Direction of the last motion, -1 or +1 (0: the axis never moves).
+    """Direction of the last motion, -1 or +1 (0: the axis never moves); of an axis in motion it changes where the axis turns,
+    between two rows.
 
     `start` names what it counts as before the axis' first motion in a run; where the run has none, the first motion's.
     """
@@ -107,8 +108,12 @@ class Direction(_OfAxis):
         return (self.start,) if self.start else ()
 
     def series(self, motion: RunMotion) -> Series:
-        positions = motion.axis(self.axis).position.value
-        return _begun(motion, positions, approach(positions), self.start)
+        position = motion.axis(self.axis).position
+        side = approach(position.value)
+        if motion.run.dynamic:
+            for at, _, direction in _reversals(motion.run.time, position):
+                side[motion.run.time > at] = direction
+        return _begun(motion, position.value, side, self.start)
 
 
 def unmoved(positions: Array) -> int:
@@ -280,8 +285,12 @@ class Play:
         for name, tangent in position.tangents.items():
             halves[name] = 0.5 * sign * growth * tangent
         tangents = _play_tangents(state, half, position, halves)
-        if self.start in motion.values:  # until the first flank the output stands where it began
-            standing = np.logical_and.accumulate(np.abs(state) < 1.0)
+        if (
+            self.start in motion.values
+        ):  # until the first flank the output stands where it began, at a flank if not pushed
+            pushed = motion.values[self.start] * (position.value - position.value[0]) > 0.0
+            began = (state == motion.values[self.start]) & ~np.logical_or.accumulate(pushed)
+            standing = np.logical_and.accumulate((np.abs(state) < 1.0) | began)
             tangents[self.start] = np.where(standing, half[0] / half, 0.0)
         return Series(state, tangents, steps=True)
 
