@@ -163,10 +163,12 @@ def check(path: Path, as_json: bool, quiet: bool) -> None:
     "--slow-noise-um",
     "coloured_um",
     type=POSITIVE,
-    help="With --in-motion: 1σ of the slow noise (default: as --noise-um).",
+    help="With --in-motion or --circles iso-230-4: 1σ of the slow noise (default: as --noise-um).",
 )
 @click.option(
-    "--correlation-s", type=POSITIVE, help="With --in-motion: correlation time of the slow noise (default 1)."
+    "--correlation-s",
+    type=POSITIVE,
+    help="With --in-motion or --circles iso-230-4: correlation time of the slow noise, s (default 1).",
 )
 @click.option("--effect", "effects", multiple=True, help="What circles are to find, as backlash:C; may be repeated.")
 @click.option("--count", type=COUNT, default=2, help="Number of circles.")
@@ -302,7 +304,7 @@ def plan(
         elif circles == CIRCULAR_TEST:
             result = circular_test(
                 data, planes=planes or ("XY",), feeds=feeds or (1000.0,), radius=one_bar(bars), sweep_deg=sweep,
-                noise_um=noise_um,
+                noise_um=noise_um, **{name: motion[name] for name in ("coloured_um", "correlation_s") if motion[name]},
             )  # fmt: skip
         elif circles is not None:
             result = plan_circles(
