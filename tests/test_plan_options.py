@@ -222,11 +222,13 @@ def test_circles_on_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixtu
         (["--circles", "iso-230-4", "--minutes", "5"], "--minutes"),
         (["--circles", "iso-230-4", "--given", "earlier"], "--given"),
         (["--circles", "planar", "--effect", "backlash:X", "--repeats", "2"], "--repeats"),
+        (["--tool-centre-on", "TRAORI"], "--tool-centre-off"),
+        (["--tool-centre-off", "TRAFOOF"], "--tool-centre-on"),
         (["--in-motion", "--minutes", "1e7"], "--minutes"),
         (["--circles", "iso-230-4", "--sweep", "400"], "--sweep"),
     ],
 )
-def test_no_option_is_left_unused_without_a_word(
+def test_an_option_that_does_nothing_or_harm_is_refused(
     options: list[str], unused: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["plan", "table-bc", "-o", str(tmp_path / "p"), *options]) == 2
