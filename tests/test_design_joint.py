@@ -172,7 +172,10 @@ def test_an_earlier_campaign_counts() -> None:
     [
         (["--instrument", "r_test,ball_bar"], "need minutes"),
         (["--instrument", "r_test,ball_bar", "--minutes", "4"], "too short"),
-        (["--instrument", "r_test,ball_bar", "--minutes", "20", "--points", "30"], "--points is for one instrument"),
+        (
+            ["--instrument", "r_test,ball_bar", "--minutes", "20", "--points", "30"],
+            "--points has no use in a plan with several instruments",
+        ),
         (["--instrument", "r_test,laser", "--minutes", "20"], 'no instrument "laser"'),
     ],
 )

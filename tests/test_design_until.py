@@ -101,7 +101,7 @@ def test_the_option(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
         (["EX0C"], "is not NAME=1σ"),
         (["EX0C=1", "--part", "x.ngc"], "no such file"),
         (["EX0C=1", "--criterion", "A"], "has no criterion of its own"),
-        (["EX0C=1", "--circles", "planar"], "circles have no --until"),
+        (["EX0C=1", "--circles", "planar"], "--until has no use in a plan of circles"),
     ):
         assert main(["plan", "tsutsumi-2007", "-o", str(tmp_path / "other"), "--until", *words]) == 2
         assert said in capsys.readouterr().err

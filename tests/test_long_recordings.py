@@ -38,8 +38,9 @@ def by_windows(monkeypatch, campaign: Campaign, **options) -> tuple[Identificati
     return whole, identify(campaign, **options)
 
 
-def same(whole: Identification, cut: Identification, share: float = 1e-9) -> None:
-    """To `share`; an inverse to what rounding leaves of it, eps·cond, which differs from processor to processor."""
+def same(whole: Identification, cut: Identification, share: float = 1e-8) -> None:
+    """To `share`: slopes of the noise's likelihood are differences of rounded sums; an inverse to what rounding leaves of it,
+    eps·cond, which differs from processor to processor."""
     inverse = max(share, float(np.finfo(float).eps * np.linalg.cond(whole.covariance)))
     assert (np.abs(cut.values - whole.values) / whole.std).max() < share
     assert np.abs(cut.covariance - whole.covariance).max() < inverse * np.abs(whole.covariance).max()

@@ -209,3 +209,27 @@ def test_circles_on_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert "backlash.X.width" in capsys.readouterr().out
     programs = {path.stem for path in (tmp_path / "plan" / "nc" / "linuxcnc").glob("*.ngc")}
     assert len(programs) == 3 and any("+" in name for name in programs)  # one a direction, and both with the bar on
+
+
+@pytest.mark.parametrize(
+    ("options", "unused"),
+    [
+        (["--speed", "5"], "--speed"),
+        (["--plane", "ZX"], "--plane"),
+        (["--bar", "100"], "--bar is for ball_bar"),
+        (["--index", "--instrument", "ball_bar"], "--index is for r_test"),
+        (["--probe-tool", "3"], "--probe-tool is for touch_probe"),
+        (["--circles", "iso-230-4", "--minutes", "5"], "--minutes"),
+        (["--circles", "iso-230-4", "--given", "earlier"], "--given"),
+        (["--circles", "planar", "--effect", "backlash:X", "--repeats", "2"], "--repeats"),
+        (["--tool-centre-on", "TRAORI"], "--tool-centre-off"),
+        (["--tool-centre-off", "TRAFOOF"], "--tool-centre-on"),
+        (["--in-motion", "--minutes", "1e7"], "--minutes"),
+        (["--circles", "iso-230-4", "--sweep", "400"], "--sweep"),
+    ],
+)
+def test_an_option_that_does_nothing_or_harm_is_refused(
+    options: list[str], unused: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["plan", "table-bc", "-o", str(tmp_path / "p"), *options]) == 2
+    assert unused in capsys.readouterr().err and not (tmp_path / "p").exists()

@@ -10,6 +10,7 @@ import click
 
 from symfive.cli._common import (
     COUNT,
+    DAY_MIN,
     PATH,
     POSITIVE,
     SEED,
@@ -37,8 +38,7 @@ from symfive.cli._plan_words import (
     names_in,
     one_bar,
     part_of,
-    refuse_in_motion,
-    refuse_with_several,
+    refuse_unused,
     rotary_of,
     setup_sigma_of,
     until_of,
@@ -46,6 +46,7 @@ from symfive.cli._plan_words import (
 from symfive.errors import InputError
 from symfive.files import shown
 from symfive.outputs import output_folder, write_json
+from symfive.separated import SMALLEST
 
 if TYPE_CHECKING:
     from symfive.effects import Effect
@@ -113,7 +114,7 @@ def check(path: Path, as_json: bool, quiet: bool) -> None:
     multiple=True,
     help="Fewest poses (at most --points) until NAME=1σ is expected, as EX0C=2um; may be repeated.",
 )
-@click.option("--minutes", type=POSITIVE, help="Time budget in minutes, set-up included.")
+@click.option("--minutes", type=Number(SMALLEST, DAY_MIN), help="Time budget in minutes, set-up included.")
 @click.option("--per-minute", is_flag=True, help="The poses with most information per minute.")
 @click.option("--setups", type=COUNT, help="Most positions of nest or balls.")
 @click.option("--bar", "bars", type=POSITIVE, multiple=True, help="Length in mm of a bar you own; may be repeated.")
@@ -146,7 +147,9 @@ def check(path: Path, as_json: bool, quiet: bool) -> None:
 @click.option(
     "--feed", "feeds", type=POSITIVE, multiple=True, help="With --circles: mm/min along the circle; may be repeated."
 )
-@click.option("--sweep", type=POSITIVE, help="With --circles iso-230-4: degree of the arc, 360 or less, as 220.")
+@click.option(
+    "--sweep", type=Number(SMALLEST, 360.0), help="With --circles iso-230-4: degree of the arc, 360 or less, as 220."
+)
 @click.option(
     "--in-motion",
     is_flag=True,
@@ -163,10 +166,12 @@ def check(path: Path, as_json: bool, quiet: bool) -> None:
     "--slow-noise-um",
     "coloured_um",
     type=POSITIVE,
-    help="With --in-motion: 1σ of the slow noise (default: as --noise-um).",
+    help="With --in-motion or --circles iso-230-4: 1σ of the slow noise (default: as --noise-um).",
 )
 @click.option(
-    "--correlation-s", type=POSITIVE, help="With --in-motion: correlation time of the slow noise (default 1)."
+    "--correlation-s",
+    type=POSITIVE,
+    help="With --in-motion or --circles iso-230-4: correlation time of the slow noise, s (default 1).",
 )
 @click.option("--effect", "effects", multiple=True, help="What circles are to find, as backlash:C; may be repeated.")
 @click.option("--count", type=COUNT, default=2, help="Number of circles.")
@@ -282,17 +287,15 @@ def plan(
         data = machine_given(machine)
         post = Post(**{**programs, "reversed_axes": rotary_of(data, programs["reversed_axes"])})
         instruments = names_in(poses["instrument"])
+        refuse_unused(click.get_current_context(), instruments)
         for dialect in dialects if "touch_probe" in instruments else ():
             can_probe(dialect, post)
         names = names_in(wanted)
         wished = until_of(until)
-        if wished and circles is not None:
-            raise InputError("circles have no --until", remedy="leave out --circles, or --until")
         in_motion = motion.pop("in_motion")
-        route = part_of(data, part, circles, **part_options)
+        route = part_of(data, part, **part_options)
         result: Any
         if in_motion:
-            refuse_in_motion(click.get_current_context())
             result = plan_sweeps(
                 data, instrument=poses["instrument"], minutes=poses["minutes"] or 8.0, criterion=criterion or "D", for_=names,
                 given=None if given is None else read(given, quiet), setups=poses["setups"], lengths=bars, noise_um=noise_um,
@@ -302,7 +305,7 @@ def plan(
         elif circles == CIRCULAR_TEST:
             result = circular_test(
                 data, planes=planes or ("XY",), feeds=feeds or (1000.0,), radius=one_bar(bars), sweep_deg=sweep,
-                noise_um=noise_um,
+                noise_um=noise_um, **{name: motion[name] for name in ("coloured_um", "correlation_s") if motion[name]},
             )  # fmt: skip
         elif circles is not None:
             result = plan_circles(
@@ -311,7 +314,8 @@ def plan(
                 feeds=feeds or None, certify=not no_proof,
             )  # fmt: skip
         elif len(instruments) > 1:
-            refuse_with_several(click.get_current_context())
+            if poses["minutes"] is None:
+                raise InputError("several instruments need minutes to share", remedy="add --minutes, as --minutes 20")
             with executor(workers, scheduler) as pool:
                 result = plan_together(
                     data, instruments, minutes=poses["minutes"], criterion=criterion or "A", for_=names,

@@ -20,13 +20,29 @@ if TYPE_CHECKING:
 
 NO_SHIFT = "0,0,0"
 CIRCULAR_TEST = "iso-230-4"
-ALONE = ("part", "until", "per_minute", "bars", "points", "setups", "repeats", "frame", "index", "survive", "robust")
-"""Options of a plan with one instrument."""
-AT_REST = (
-    "part", "until", "per_minute", "points", "repeats", "frame", "index", "survive", "robust", "returns", "circles", "starts",
-    "seed", "workers",
-)  # fmt: skip
-"""Options of a plan at rest, and of circles."""
+SIGMAS = ("tool_ball_sigma", "tool_length_sigma", "table_ball_sigma", "zero_sigma", "length_sigma")
+CHOSEN = ("instrument", "criterion", "wanted", "given", "minutes", "no_proof", *SIGMAS)
+SEARCHED = ("returns", "starts", "seed", "workers", "scheduler")
+SLOW_NOISE = ("coloured_um", "correlation_s")
+USED = {
+    "a plan of poses": (
+        *CHOSEN, *SEARCHED, "points", "until", "per_minute", "setups", "bars", "repeats", "index", "survive", "robust", "frame",
+        "part",
+    ),
+    "a plan with several instruments": (*CHOSEN, *SEARCHED),
+    "a plan in motion": (*CHOSEN, *SLOW_NOISE, "in_motion", "setups", "bars", "speeds"),
+    "a circular test": (*SLOW_NOISE, "circles", "planes", "feeds", "sweep", "bars"),
+    "a plan of circles": (
+        "circles", "planes", "feeds", "effects", "count", "bars", "criterion", "wanted", "robust", "per_minute", "no_proof",
+    ),
+}  # fmt: skip
+"""Options that not every plan uses, by kind of plan."""
+OF_INSTRUMENT = {
+    "ball_bar": ("bars", "length_sigma"),
+    "r_test": ("index", "frame", "zero_sigma"),
+    "touch_probe": ("sphere_radius", "tip_radius", "probe_on", "probe_off", "probe_tool"),
+}
+"""Options that only one instrument has."""
 
 
 def names_in(words: str) -> tuple[str, ...]:
@@ -34,18 +50,24 @@ def names_in(words: str) -> tuple[str, ...]:
     return tuple(name.strip() for name in words.split(",") if name.strip())
 
 
-def refuse_with_several(context: click.Context) -> None:
-    """Refuse options that a plan with several instruments has not, and one without minutes to share. Raises `InputError`."""
-    for option in _given(context, ALONE):
-        raise InputError(f"{option} is for one instrument", remedy=f"leave out {option}, or name one instrument")
-    if context.params["minutes"] is None:
-        raise InputError("several instruments need minutes to share", remedy="add --minutes, as --minutes 20")
-
-
-def refuse_in_motion(context: click.Context) -> None:
-    """Refuse options that a plan in motion has not. Raises `InputError`."""
-    for option in _given(context, AT_REST):
-        raise InputError(f"a plan in motion has no {option}", remedy=f"leave out {option}, or --in-motion")
+def refuse_unused(context: click.Context, instruments: Sequence[str]) -> None:
+    """Refuse options that the kind of plan asked for, or its instruments, would not use. Raises `InputError`."""
+    asked = context.params
+    if asked["in_motion"]:
+        kind = "a plan in motion"
+    elif asked["circles"] is not None:
+        kind = "a circular test" if asked["circles"] == CIRCULAR_TEST else "a plan of circles"
+    else:
+        kind = "a plan with several instruments" if len(instruments) > 1 else "a plan of poses"
+    unused = {name for names in USED.values() for name in names} - set(USED[kind])
+    for option in _given(context, sorted(unused)):
+        raise InputError(f"{option} has no use in {kind}", remedy=f"leave out {option}")
+    instruments = ("ball_bar",) if asked["circles"] is not None else instruments
+    for instrument, names in OF_INSTRUMENT.items():
+        for option in _given(context, names) if instrument not in instruments else ():
+            raise InputError(
+                f"{option} is for {instrument}", remedy=f"leave out {option}, or add --instrument {instrument}"
+            )
 
 
 def _given(context: click.Context, names: Sequence[str]) -> list[str]:
@@ -58,10 +80,10 @@ def _given(context: click.Context, names: Sequence[str]) -> list[str]:
 
 
 def part_of(
-    machine: Machine, path: Path | None, circles: str | None, *,
+    machine: Machine, path: Path | None, *,
     part_tool: float | None, part_zero: str, part_tool_centre: bool, part_datum: bool,
 ) -> ToolPath | None:  # fmt: skip
-    """The part's tool path. Raises `InputError` for options of a part without one, and with circles."""
+    """The part's tool path. Raises `InputError` for options of a part without one."""
     from symfive.toolpath import read_tool_path
 
     if path is None:
@@ -69,8 +91,6 @@ def part_of(
             problem = "--part-tool, --part-zero, --part-tool-centre and --part-datum belong to a part and none is given"
             raise InputError(problem, remedy="add --part FILE")
         return None
-    if circles is not None:
-        raise InputError("a plan for a part has poses, no circles", remedy="leave out --circles, or --part")
     zero = point_of("--part-zero", part_zero)
     return read_tool_path(
         path, machine, tool_length=part_tool, zero=zero, tool_centre=part_tool_centre, datum=part_datum

@@ -11,10 +11,14 @@ from symfive.campaign import Campaign, Run
 from symfive.design._assess import Assessment, assess
 from symfive.design._assessment_data import assessment_data
 from symfive.design._circle_words import sigma_words
+from symfive.design._sweeps import SLOW_S, noise_data, nuisances, recording_noise, without_drive
 from symfive.design._write import SCHEMA, write_recordings
+from symfive.effects import Effect
 from symfive.errors import InputError
 from symfive.given import machine_given
+from symfive.inference import Noise
 from symfive.machine import Machine
+from symfive.model import effect_to_data
 from symfive.nc import Post
 from symfive.outputs import output_folder
 from symfive.procedures import campaign_of, planar_circle
@@ -30,9 +34,12 @@ SEEN = 0.5
 
 @dataclass(frozen=True, repr=False)
 class CircularTest(OnScreen):
-    """A circular test: the `campaign` without readings, the `assessment` of what it tells, `notes` in plain words."""
+    """A circular test: the `campaign` without readings, the `assessment` of what it tells with lag of the drives as a nuisance
+    (`effects`, which an identification has to free) and correlated `noise`, `notes` in plain words."""
 
     campaign: Campaign
+    effects: tuple[Effect, ...]
+    noise: Noise
     assessment: Assessment
     notes: tuple[str, ...] = ()
 
@@ -45,6 +52,7 @@ class CircularTest(OnScreen):
         """plan.json as nested mappings."""
         return {
             "schema": SCHEMA, "machine": self.campaign.machine.name, "minutes": self.minutes,
+            "noise": noise_data(self.noise), "effects": [effect_to_data(effect) for effect in self.effects],
             **assessment_data(self.assessment), "notes": list(self.notes),
         }  # fmt: skip
 
@@ -73,15 +81,16 @@ def _words(run: Run) -> str:
 def circular_test(
     machine: Machine | Path | str, *, planes: Sequence[str] = ("XY",), feeds: Sequence[float] = (1000.0,),
     radius: float | None = None, sweep_deg: float | None = None, centre: Sequence[float] | None = None,
-    noise_um: float = 0.3, rate_hz: float = 50.0,
+    noise_um: float = 0.3, coloured_um: float | None = None, correlation_s: float = SLOW_S, rate_hz: float = 50.0,
 ) -> CircularTest:  # fmt: skip
     """Circles by the control's own interpolation in each of `planes`, at each of `feeds` (mm/min), in both directions.
 
     `radius` mm, the bar's length; `sweep_deg` of the data: 360 is the test of ISO 230-4, 220 what goes where the table or the end
-    of an axis is in the way (default: 360 in XY, 220 in the upright planes); `centre` mm, the table ball in the workpiece frame.
+    of an axis is in the way (default: 360 in XY, 220 in the upright planes); `centre` mm, the table ball in the workpiece frame;
+    `noise_um`, `coloured_um` and `correlation_s` as in `plan_sweeps`.
     Raises `InputError` where an axis cannot follow or does not get around.
     """
-    machine = machine_given(machine)
+    machine, noise = machine_given(machine), recording_noise(noise_um, coloured_um, correlation_s)
     if not planes or not feeds:
         raise InputError("a circular test needs a plane and a feed", remedy="give XY and 1000 mm/min")
     if len(set(planes)) < len(planes) or len(set(feeds)) < len(feeds):
@@ -95,14 +104,18 @@ def circular_test(
         )
     ]  # fmt: skip
     campaign = campaign_of(machine, runs, "circular test")
-    return CircularTest(campaign, assess(campaign), tuple(_notes(machine, runs)))
+    effects = nuisances(machine, delay=False)
+    expected = assess(campaign, effects=effects, noise=noise)
+    return CircularTest(campaign, effects, noise, expected, tuple(_notes(machine, runs)))
 
 
 def _notes(machine: Machine, runs: Sequence[Run]) -> Iterable[str]:
-    """Which of the circles are no test by the standard."""
+    """Which of the circles are no test by the standard, and how to identify them."""
     from symfive.circles import CircleFinder
 
     finder = CircleFinder(machine)
     short = [run.id for run in runs if (circle := finder.find(run)) is not None and circle.turns < 1.0]
     if short:
         yield f"partial arcs, not a circular test by ISO 230-4, which has {WHOLE_DEG:g}°: {', '.join(short)}"
+    yield from without_drive(machine)
+    yield "identify with --effects plan.json: lag of the drives is estimated with the geometry"

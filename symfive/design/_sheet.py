@@ -116,7 +116,9 @@ def _steps(sheet: Sheet, run: Run, stands: str) -> list[str]:
             'mounting = { tool_ball = "1" } into both runs in campaign.toml.'
         )
     if run.length is not None and not stays:
-        steps.append(f"Bar of {run.length:g} mm, calibrated length entered.")
+        steps.append(
+            f"Bar of {run.length:g} mm: enter its calibrated length. Readings count from it; do not set them to zero."
+        )
     if run.spindle is not None:
         steps.append(
             "The spindle is oriented: the run-out of the tool ball is read at "
@@ -129,7 +131,7 @@ def _steps(sheet: Sheet, run: Run, stands: str) -> list[str]:
     for series in series_of(machine, sheet.campaign.runs):
         if run in series:
             names = "+".join(r.id for r in series)
-            steps.append(f"Or the program {names}: all {len(series)} circles of this mounting, the bar stays mounted.")
+            steps.append(f"Or the program {names}: the {len(series)} circles of this mounting, the bar stays mounted.")
     return steps + _moves(machine, sheet.post)
 
 
@@ -142,13 +144,13 @@ def _place(run: Run, stands: str) -> list[str]:
     """Where the ball or nest stands on the table, and how well this has to be known."""
     x, y, z = (f"{v:.1f}".removesuffix(".0") for v in run.table_ball)
     there = f"Mount the {stands} at x = {x}, y = {y}, z = {z} mm of the workpiece frame"
-    if "r_test" in run.instrument and run.setup_sigma_um.zero is None:
+    sigma = next(i.place_sigma(run) for i in instruments_of(run) if i.stands)
+    if sigma is None:
         return [f"{there}, within 1 mm: the readings determine its exact place."]
-    sigma = plain_number(run.setup_sigma_um.table_ball)
     return [
         f"{there}: drive the tool ball there and lock the {stands} under it.",
-        f"The evaluation takes this place as known to {sigma} µm (1σ). If it stands elsewhere, by up to 1 mm, write where into "
-        f"table_ball of run {run.id} in campaign.toml; if you know it less well, write so into setup_sigma_um.",
+        f"The evaluation takes this place as known to {plain_number(sigma)} µm (1σ). If it stands elsewhere, by up to 1 mm, "
+        f"write where into table_ball of run {run.id} in campaign.toml; if you know it less well, write so into setup_sigma_um.",
     ]
 
 
@@ -156,9 +158,15 @@ def _start(sheet: Sheet, run: Run) -> list[str]:
     """How the program is started, and what comes back from it."""
     if "r_test" in run.instrument:
         record = ["Start the recording there, then let the program go on."] if run.dynamic else []
+        zeroed = all(instrument.zeroed(run) for instrument in instruments_of(run))
         return [
             f"Nest and tool ball are mounted before the program of run {run.id} starts. It stops with the ball away from the "
-            "nest, and again where you seat the ball and set its readings to zero.",
+            f"nest, and again where you seat the ball{' and set its readings to zero' if zeroed else ''}.",
+            *(
+                []
+                if zeroed
+                else ["Readings are zero with the ball at the nest's known place; do not set them to zero."]
+            ),
             *record,
             _signs(run),
         ]

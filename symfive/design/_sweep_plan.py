@@ -31,7 +31,16 @@ from symfive.design._space import Space, make_space
 from symfive.design._sweep_certificate import SweepCertificate, bound_of, certified
 from symfive.design._sweep_mountings import mountings_that_pay
 from symfive.design._sweep_recordings import Recording
-from symfive.design._sweeps import DELAY_MS, SHORTEST, Sweeps, nuisances
+from symfive.design._sweeps import (
+    DELAY_MS,
+    SHORTEST,
+    SLOW_S,
+    Sweeps,
+    noise_data,
+    nuisances,
+    recording_noise,
+    without_drive,
+)
 from symfive.design._write import SCHEMA, write_recordings
 from symfive.effects import Effect
 from symfive.errors import InputError
@@ -61,9 +70,6 @@ class _Kind:
 
 INSTRUMENTS = {"r_test": _Kind("R-test", 200, 0), "ball_bar": _Kind("ball bar", 2000, 10_000)}
 SPEEDS = (5.0, 10.0, 20.0)
-SLOW_S = 1.0
-"""Correlation time of the slow noise where none is given, s: `identify` finds 0.27 µm and 1.07 s, beside 0.30 µm of white noise,
-in the circular tests of `tests/data/campaigns/planar-none`. State your own: it prints them for every recording."""
 ROUNDS = 2
 
 
@@ -101,7 +107,6 @@ class SweepPlan(OnScreen):
 
     def to_data(self) -> dict[str, Any]:
         """plan.json as nested mappings; `effects` as `symfive identify --effects` reads them."""
-        noise = self.noise
         recordings = [
             {"run": run.id, "speed_deg_per_s": speed, "stops_deg": stops.tolist()}
             for run, speed, stops in zip(self.campaign.runs, self.speeds, self.stops, strict=True)
@@ -112,7 +117,7 @@ class SweepPlan(OnScreen):
             "certificate": None if self.certificate is None else self.certificate.to_data(),
             "minutes": six_digits(self.minutes), "axes": list(self.axes), "recordings": recordings,
             "variance_at_rest": six_digits(self.at_rest),
-            "noise": {"white_um": noise.white, "coloured_um": noise.coloured, "correlation_s": noise.time_constant},
+            "noise": noise_data(self.noise),
             "effects": [effect_to_data(effect) for effect in self.effects],
             **assessment_data(self.assessment), "notes": list(self.notes),
         }  # fmt: skip
@@ -171,7 +176,7 @@ def plan_sweeps(
     with a dense set of sweeps. Lag of the drives and the delay of every recording are nuisance parameters. Raises `InputError`
     where nothing can be planned.
     """
-    machine, noise = with_bars(machine_given(machine), lengths), _noise_of(noise_um, coloured_um, correlation_s)
+    machine, noise = with_bars(machine_given(machine), lengths), recording_noise(noise_um, coloured_um, correlation_s)
     if instrument not in INSTRUMENTS:
         raise InputError(f"sweeps with {instrument} are not planned", remedy="use instrument r_test or ball_bar")
     if not speeds or not all(0.0 < speed < math.inf for speed in speeds):
@@ -248,13 +253,6 @@ def _asked(
     return rested, replace(goal, known=known)
 
 
-def _noise_of(white: float, coloured: float | None, correlation_s: float) -> Noise:
-    slow = white if coloured is None else coloured
-    if not (white > 0.0 and slow >= 0.0 and correlation_s > 0.0):
-        raise InputError("the noise is not described", remedy="give 1σ and correlation time above 0")
-    return Noise(white, slow, correlation_s, white)
-
-
 def _searched(
     space: Space, task: Task, goal: Goal, noise: Noise, rate_hz: float, speeds: tuple[float, ...],
     seconds: Callable[[int], float], most: int | None,
@@ -301,9 +299,7 @@ def _at_rest(mounted: Sequence[Sweeps], task: Task, seconds: float) -> float:
 
 
 def _notes(machine: Machine, recordings: Sequence[Recording], speeds: Sequence[float]) -> Iterable[str]:
-    without = [name for name, axis in machine.axes.items() if axis.drive is None]
-    if without:
-        yield f"no lag of {', '.join(without)} is considered: the machine file has no drive of it"
+    yield from without_drive(machine)
     if len(speeds) > 1 and any(recording.speed == max(speeds) for recording in recordings):
         yield f"{max(speeds):g} °/s is the largest speed offered, not a limit of the machine"
     yield "identify with --effects plan.json: lag of the drives and delay of the recording are estimated with the geometry"

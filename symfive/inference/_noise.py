@@ -21,6 +21,14 @@ from symfive.inference._windows import spans_of
 __all__ = ["Block", "estimate_noise", "long_run_variance", "plain_noise", "square_of"]
 
 LEVEL = 0.01
+LOUDER = ((0.0, 20.0), (-7.0, 9.0))
+"""Logarithms between which the white and the coloured part are sought, over the declared noise."""
+SHORTEST = -1.5
+"""Logarithm of the shortest time constant sought, in rows."""
+SETTLED = 1e-2
+"""-2 log likelihood by which a step has to lower it: a hundredth of what one degree of freedom takes."""
+STEP = 0.01
+"""Of the differences that slopes and curvatures are taken from: 1 % of a size, or 1 % of its standard deviation."""
 ROUNDING = 1e-12
 """What is added to the diagonal so that rounding cannot make an eigenvalue negative."""
 
@@ -72,8 +80,8 @@ def estimate_noise(blocks: Sequence[Block], declared: float, precision: Array) -
         return white_only
     score = _objective(blocks, precision)
     best, best_score = white_only, score(white_only)
-    start = max(_scaled(blocks, declared).white / declared, 1.05)
-    better = _minimise(lambda x: Noise(declared * np.exp(abs(x[0])), declared=declared), [np.log(start)], score, 20)
+    start = np.log([max(_scaled(blocks, declared).white / declared, 1.05)])
+    better = _minimise(lambda x: Noise(declared * float(np.exp(x[0])), declared=declared), start, LOUDER[:1], score)
     if score(better) < best_score:
         best, best_score = better, score(better)
     coloured = _with_coloured_part(blocks, declared, best, score)
@@ -126,29 +134,21 @@ def _with_coloured_part(
     longest = max(len(block.residual) for block in blocks)
     if longest < 8:
         return None
-    span = np.log(max(longest, 8))
+    span = float(np.log(longest))
+    bounds = [*LOUDER, (SHORTEST, span + 1.0)]
     plain = _first_look(blocks, interval)
 
-    def noise(x: Sequence[float]) -> Noise:
-        tau = interval * np.exp(np.clip(x[2], -1.5, span + 1.0))
-        return Noise(
-            float(declared * np.exp(abs(x[0]))),
-            float(declared * np.exp(np.clip(x[1], -7.0, 9.0))),
-            float(tau),
-            declared,
-        )
+    def noise(x: Array) -> Noise:
+        louder, level, tau = (float(v) for v in np.exp(x))
+        return Noise(declared * louder, declared * level, interval * tau, declared)
 
     start_white = np.log(max(white.white / declared, 1.0)) + 0.05
-    starts = [[start_white, level, 0.25 * k * span] for k in (1, 2, 3) for level in (-1.0, 0.5)]
-    rough = _minimise(noise, min(starts, key=lambda x: plain(noise(x))), plain, evaluations=150)
+    starts = [np.array([start_white, level, 0.25 * k * span]) for k in (1, 2, 3) for level in (-1.0, 0.5)]
+    rough = _minimise(noise, min(starts, key=lambda x: plain(noise(x))), bounds, plain)
     if plain(white) - plain(rough) < _exceeded(0.1):
         return None
-    x = [
-        np.log(rough.white / declared) + 1e-3,
-        np.log(rough.coloured / declared),
-        np.log(rough.time_constant / interval),
-    ]
-    return _minimise(noise, x, score, evaluations=45)
+    found = np.log([rough.white / declared, rough.coloured / declared, rough.time_constant / interval])
+    return _minimise(noise, found, bounds, score)
 
 
 def _exceeded(level: float) -> float:
@@ -157,16 +157,26 @@ def _exceeded(level: float) -> float:
 
 
 def _minimise(
-    make: Callable[[Sequence[float]], Noise], start: Sequence[float], score: Callable[[Noise], float], evaluations: int
-) -> Noise:
+    make: Callable[[Array], Noise], start: Array, bounds: Sequence[tuple[float, float]],
+    score: Callable[[Noise], float],
+) -> Noise:  # fmt: skip
+    """The noise at the minimum that is reached from `start`, logarithms of its sizes, within their bounds.
+
+    L-BFGS-B (R. Byrd et al. 1995), each logarithm in units of its curvature at the start: the white part is known hundreds of
+    times better than a slow one, and steps in equal units end in the valley's wall.
+    """
     from scipy.optimize import minimize
 
-    options = {"xatol": 5e-3, "fatol": 5e-2, "maxfev": evaluations}
-    simplex = np.vstack([start, *(np.array(start) + 0.3 * row for row in np.eye(len(start)))])
+    low, high = np.transpose(bounds)
+    first = np.clip(start, low + STEP, high - STEP)
+    least = score(make(first))
+    either = [score(make(first + step)) + score(make(first - step)) for step in STEP * np.eye(len(first))]
+    unit = np.maximum(np.abs(np.array(either) - 2.0 * least) / STEP**2, 1.0) ** -0.5
     found = minimize(
-        lambda x: score(make(x)), start, method="Nelder-Mead", options={**options, "initial_simplex": simplex}
-    )
-    return make(found.x)
+        lambda x: score(make(x * unit)), first / unit, method="L-BFGS-B",
+        bounds=np.transpose([low / unit, high / unit]), options={"eps": STEP, "ftol": SETTLED / max(abs(least), 1.0)},
+    )  # fmt: skip
+    return make(found.x * unit)
 
 
 def _first_look(blocks: Sequence[Block], interval: float) -> Callable[[Noise], float]:

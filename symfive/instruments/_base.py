@@ -71,6 +71,14 @@ class Instrument:
         """Signals it reads beside the axis positions."""
         return ()
 
+    def place_sigma(self, run: Run) -> float | None:
+        """1σ with which its place on the table is taken as known, µm; None where the readings determine it."""
+        return run.setup_sigma_um.table_ball
+
+    def zeroed(self, run: Run) -> bool:
+        """Whether its readings may be set to zero at any pose, because the zero is an unknown of the run."""
+        return True
+
     def reading(self, row: Row, run: Run) -> list[Symbol]:
         """The readings in internal units, one per column."""
         raise InputError(f"instrument {self.name} has no reading")

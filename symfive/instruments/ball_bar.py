@@ -21,7 +21,7 @@ class BallBar(BallInstrument):
     name = "ball_bar"
     stands = "table ball"
     on_a_post = True
-    seated = "BALL BAR"
+    seated = "BAR"
     imported = (("dL", "um", "um"),)
 
     def check(self, run: Run, machine: Machine) -> None:
@@ -43,6 +43,9 @@ class BallBar(BallInstrument):
 
     def constants(self, run: Run, machine: Machine) -> Mapping[str, float]:
         return {**super().constants(run, machine), "length": float(run.length or 0.0)}
+
+    def zeroed(self, run: Run) -> bool:
+        return False  # its readings count from the calibrated length
 
     def reading(self, row: Row, run: Run) -> list[Any]:
         import casadi as ca

@@ -52,6 +52,9 @@ class GridEncoder(Instrument):
             **vector_constants("v", run.v or (0.0, 1.0, 0.0)),
         }
 
+    def place_sigma(self, run: Run) -> float | None:
+        return None
+
     def reading(self, row: Row, run: Run) -> list[Any]:
         import casadi as ca
 

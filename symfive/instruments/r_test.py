@@ -48,6 +48,13 @@ class RTest(BallInstrument):
         tool = setup_vector(run, "tool_ball", sigma.tool) if frame != "tool" else ()
         return (*table, *tool, *zeros)
 
+    def place_sigma(self, run: Run) -> float | None:
+        sigma = run.setup_sigma_um
+        return sigma.zero if run.options.get("frame", "workpiece") == "workpiece" else sigma.table_ball
+
+    def zeroed(self, run: Run) -> bool:
+        return run.setup_sigma_um.zero is None
+
     def reading(self, row: Row, run: Run) -> list[Any]:
         import casadi as ca
 

@@ -45,6 +45,9 @@ class Straightedge(Instrument):
         named = {"table_ball": run.table_ball, "tool_ball": run.tool_ball, "u": run.u, "v": run.v}
         return {key: n for name, v in named.items() for key, n in vector_constants(name, v or (0.0, 0.0, 0.0)).items()}
 
+    def place_sigma(self, run: Run) -> float | None:
+        return None
+
     def reading(self, row: Row, run: Run) -> list[Any]:
         import casadi as ca
 

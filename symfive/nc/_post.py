@@ -60,6 +60,12 @@ class Post:
         if (self.at_pose == "trigger") != bool(self.trigger.strip()):
             remedy = "give both: --at-pose trigger and --trigger with your control's line, as M64 P0"
             raise InputError("a trigger needs the lines that start a reading, and lines a trigger", remedy=remedy)
+        if bool(self.tool_centre_on.strip()) != bool(self.tool_centre_off.strip()):
+            problem = (
+                "tool-centre control that is switched on must be off on the way to the top, where rotary axes turn home"
+            )
+            remedy = "give both: --tool-centre-on and --tool-centre-off, as TRAORI and TRAFOOF"
+            raise InputError(problem, remedy=remedy)
 
     @property
     def centred(self) -> bool:

@@ -91,19 +91,21 @@ class Writer:
         self.seated = False
         found += self.first_moves()
         found += [] if self.circle is None else [Step(kind="contour", text=self.circle.plane)]
-        said = "MOUNT BAR, THEN RECORD" if self._recorded_bar else f"SEAT {self._ball}, ZERO IT"
-        return [*found, Step(kind="stop", text=said)]
+        zeroed = all(instrument.zeroed(run) for instrument in instruments_of(run))
+        then = "THEN RECORD" if self._recorded_bar else "ZERO IT" if zeroed else "KEEP ITS ZERO"
+        return [*found, Step(kind="stop", text=f"{'MOUNT' if self.bar else 'SEAT'} {self._ball}, {then}")]
 
     def closing(self) -> list[Step]:
         """The stop at which the instrument is freed, and the last moves."""
         self.seated = False
-        found = self.last_moves("STORED? REMOVE BAR" if self._recorded_bar else f"FREE {self._ball}, START")
+        freed = f"{'REMOVE' if self.bar else 'FREE'} {self._ball}"
+        found = self.last_moves(f"STORED? {freed}" if self._recorded_bar else f"{freed}, START")
         upright = self.circle is not None and self.circle.plane != "XY"
         return [*found, Step(kind="contour", text="XY")] if upright else found
 
     @property
     def _recorded_bar(self) -> bool:
-        """Whether a bar is read while it moves: its length is its zero."""
+        """Whether a bar is read while it moves."""
         return self.run.dynamic and self.bar
 
     @property
