@@ -104,6 +104,12 @@ def moving(campaign: Campaign) -> tuple[str, ...]:
     return tuple(a for a in campaign.machine.axis_names if any(np.ptp(r.commands[a]) > 0.0 for r in campaign.runs))
 
 
+def positioned(campaign: Campaign) -> tuple[str, ...]:
+    """Axes that a positioning test by ISO 230-2 compares with a laser: their deviations are what it measures."""
+    runs = [run for run in campaign.runs if "laser" in run.instrument and not run.dynamic]
+    return tuple(axis for axis in campaign.machine.axis_names if any(run.options.get("axis") == axis for run in runs))
+
+
 def reversing(campaign: Campaign) -> tuple[str, ...]:
     """Axes that are approached from both sides within the campaign."""
     found = []

@@ -14,7 +14,20 @@ import numpy as np
 from symfive.arrays import Array
 from symfive.effects._coordinates import ACCELERATION, ROW, SIGN, SINCE, VELOCITY
 from symfive.effects._force import driven_axes
-from symfive.effects._form import AXIS, CARRIED, FORCE, TOOL, Form, Scan, Tone, goes_round, moving, reversing, revisited
+from symfive.effects._form import (
+    AXIS,
+    CARRIED,
+    FORCE,
+    TOOL,
+    Form,
+    Scan,
+    Tone,
+    goes_round,
+    moving,
+    positioned,
+    reversing,
+    revisited,
+)
 from symfive.errors import InputError
 from symfive.runs import Campaign, Run
 
@@ -119,9 +132,7 @@ def _form(effect: Unknown, campaign: Campaign) -> Form:
 def _measured(effect: Unknown, campaign: Campaign) -> bool:
     """Whether it is the positioning deviation of an axis, by position and direction if it reverses, in a test by ISO 230-2."""
     axis = effect.axis
-    if effect.place != "axis" or not any(
-        "laser" in run.instrument and run.options.get("axis") == axis and not run.dynamic for run in campaign.runs
-    ):
+    if effect.place != "axis" or axis not in positioned(campaign):
         return False
     return effect.over == ((axis, f"{axis}{SIGN}") if axis in reversing(campaign) else (axis,))
 

@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from symfive.effects._base import Effect
-from symfive.effects._form import Forms, moving
+from symfive.effects._form import Forms, positioned
 from symfive.effects._quantity import Covariance, Quantity, Values, propagate
 from symfive.errors import InputError
 from symfive.motion import Position
@@ -60,7 +60,8 @@ class AxisGrowth(Effect):
 
     @classmethod
     def candidates(cls, campaign: Campaign) -> Forms:
-        for axis in moving(campaign):
+        """Of axes that a positioning test measures: elsewhere it takes the place of any drift of the tool along an axis."""
+        for axis in positioned(campaign):
             if axis in campaign.machine.linear_axes:
                 effect = cls(axis=axis)
                 for form in effect.at_time_constants(campaign, cls(axis=axis, shape="linear")):
