@@ -267,7 +267,9 @@ def test_a_plan_of_circles_says_units_repeats_and_what_it_cannot_see() -> None:
     text = str(repeated)
     assert "X_T/r 1.2, radius r 50 mm, feed 800 mm/min, height 80 mm; ball at (60, 0) mm on the table" in text
     assert re.search(r"µrad \(\D*100\)", text)
-    assert repeated.notes == ("circle 2 is a repeat of circle 1: no other candidate adds more",)
+    repeat, slow = repeated.notes
+    assert repeat == "circle 2 is a repeat of circle 1: no other candidate adds more"
+    assert re.match(r"expected 1σ count on white noise: slow noise of 0.3 µm .* up to [2-4].* times as large", slow)
     blind = plan_circles(LEAN, DRIVE[1:], family="planar", count=1, **options)
     assert "do not determine backlash.C.width: axis C does not move in them" in str(blind)
     assert blind.to_data()["notes"] == list(blind.notes) and blind.notes[0].startswith("WARNING: ")

@@ -7,15 +7,21 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from symfive.campaign import Campaign
+from symfive.design._assess import assess
 from symfive.design._circles import Circle
 from symfive.design._paths import CircleShape, limits_met
+from symfive.design._sweeps import SLOW_S, nuisances, recording_noise
 from symfive.effects import Effect
 from symfive.errors import InputError
 from symfive.machine import Machine
 from symfive.numbers import plain_number, unit_words
 from symfive.parameters import Parameter
 
-__all__ = ["circle_words", "gain_words", "limit_words", "list_end_words", "sigma_words", "warnings_of"]
+__all__ = [
+    "circle_words", "gain_words", "limit_words", "list_end_words", "sigma_words", "slow_noise_words",
+    "warnings_of",
+]  # fmt: skip
 
 UNSEEN = 0.9
 """A parameter whose 1σ stays above this share of its prior's is not seen."""
@@ -26,6 +32,8 @@ AT_LIMIT = 0.02
 """Share of a limit left where a circle counts as limited by it: twice the margin of the refinement."""
 NEAR_END = 1e-3
 """Share of a list's range within which a refined value stands at its end."""
+NOTICED = 1.1
+"""Times by which an expected 1σ is larger before it is said."""
 NAMES = {"ratio": "X_T/r", "radius": "radius r"}
 UNITS = {"ratio": "", "feed": " mm/min"}
 
@@ -96,6 +104,24 @@ def list_end_words(
                 "machine; offer more values if your machine allows them"
             )
     return notes
+
+
+def slow_noise_words(campaign: Campaign, effects: Sequence[Effect], sought: Sequence[Parameter]) -> list[str]:
+    """What slow noise as large as the white one, and drives that are known to their priors, make of the expected 1σ."""
+    known = {(effect.id, effect.axis) for effect in effects}
+    lags = [lag for lag in nuisances(campaign.machine, delay=False) if (lag.id, lag.axis) not in known]
+    white = campaign.runs[0].noise(campaign.runs[0].instrument[0])
+    here, there = (
+        assess(campaign, effects=own, noise=noise).sigma
+        for own, noise in ((effects, None), ([*effects, *lags], recording_noise(white, None, SLOW_S)))
+    )
+    worst = max(sought, key=lambda p: there[p.name] / here[p.name], default=None)
+    if worst is None or there[worst.name] < NOTICED * here[worst.name]:
+        return []
+    return [
+        f"expected 1σ count on white noise: slow noise of {white:g} µm ({SLOW_S:g} s) and the drives' priors in the machine file "
+        f"make them up to {there[worst.name] / here[worst.name]:.2g} times as large ({worst.name})"
+    ]
 
 
 def warnings_of(

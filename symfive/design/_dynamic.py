@@ -24,7 +24,15 @@ from symfive.design._assess import assess
 from symfive.design._assessment_data import assessment_data
 from symfive.design._choose_circles import check_clear, chosen_clear
 from symfive.design._circle_certificate import CircleCertificate, certify_circles, farthest, fastest
-from symfive.design._circle_words import circle_words, gain_words, limit_words, list_end_words, sigma_words, warnings_of
+from symfive.design._circle_words import (
+    circle_words,
+    gain_words,
+    limit_words,
+    list_end_words,
+    sigma_words,
+    slow_noise_words,
+    warnings_of,
+)
 from symfive.design._circles import Circle, Goal, circle_information, circle_of_runs, measured
 from symfive.design._paths import FAMILIES, CircleShape, circle_runs
 from symfive.design._refine_circles import CircleObjective, refined_shapes
@@ -304,10 +312,12 @@ def _plan_of(
         for i, circle in enumerate(best)
         for run in circle.runs
     ]
+    campaign = campaign_of(machine, runs, "circles")
+    warnings = [*warnings_of(best, effects, sought, sigma), *slow_noise_words(campaign, effects, sought)]
     return CirclePlan(
-        campaign=campaign_of(machine, runs, "circles"), circles=tuple(best), sigma=sigma, considered=tuple(circles),
+        campaign=campaign, circles=tuple(best), sigma=sigma, considered=tuple(circles),
         value=goal.value(best), grid_value=goal.value(chosen), effects=tuple(effects), parameters=sought,
-        notes=(*notes, *warnings_of(best, effects, sought, sigma)),
+        notes=(*notes, *warnings),
     )  # fmt: skip
 
 
