@@ -257,7 +257,8 @@ def test_out_and_back_on_one_way_is_programmed_up_to_its_turn(made: SweepPlan) -
     [
         ({"minutes": 5.0}, "no time beside the mounting"),
         ({"instrument": "touch_probe"}, "sweeps with touch_probe"),
-        ({"speeds": (0.0,)}, "not positive"),
+        ({"speeds": (0.0,)}, "below 0.1 °/s"),
+        ({"speeds": (10.0, 0.001)}, "below 0.1 °/s"),
         ({"correlation_s": 0.0}, "noise"),
         ({"speeds": (5000.0,)}, "no sweep"),
         ({"instrument": "ball_bar", "lengths": (2000.0,)}, "no pose can be reached"),

@@ -61,6 +61,7 @@ def test_time_budget_and_a_lost_pose() -> None:
         ({"tool_length": (900.0, 950.0)}, {}, "travel of Z is in the way everywhere; move the nest or balls"),
         ({}, {"for_": ("EXQ",)}, "has no parameter EXQ; use names such as EX0B"),
         ({}, {"points": 1}, "points = 1 is too few; give at least 2"),
+        ({}, {"repeats": 100_000}, "repeats = 100000 is too many; give at most 1000"),
         ({}, {"minutes": 1.0}, "1 minutes are too short"),
         ({}, {"instrument": "laser"}, "plans with laser are not designed; use r_test, touch_probe or ball_bar"),
         ({}, {"criterion": "Q"}, 'criterion "Q" is unknown'),

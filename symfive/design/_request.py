@@ -23,7 +23,7 @@ __all__ = ["Request", "check_counts", "check_robust", "interest_of", "refuse_uns
 SEEN = 0.5
 """A parameter is seen by a plan where the posterior variance is below this share of its prior's."""
 LEAST = {"points": 2, "returns": 0}
-MOST = {"points": 10_000, "starts": 10_000}
+MOST = {"points": 10_000, "starts": 10_000, "repeats": 1000}
 FRAMES = ("workpiece", "machine", "tool")
 ROBUST = ("nominal", "mean", "worst")
 BALL_MM = 12.7

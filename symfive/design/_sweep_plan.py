@@ -70,6 +70,7 @@ class _Kind:
 
 INSTRUMENTS = {"r_test": _Kind("R-test", 200, 0), "ball_bar": _Kind("ball bar", 2000, 10_000)}
 SPEEDS = (5.0, 10.0, 20.0)
+SLOWEST = 0.1
 ROUNDS = 2
 
 
@@ -179,8 +180,9 @@ def plan_sweeps(
     machine, noise = with_bars(machine_given(machine), lengths), recording_noise(noise_um, coloured_um, correlation_s)
     if instrument not in INSTRUMENTS:
         raise InputError(f"sweeps with {instrument} are not planned", remedy="use instrument r_test or ball_bar")
-    if not speeds or not all(0.0 < speed < math.inf for speed in speeds):
-        raise InputError("a speed of the sweeps is not positive", remedy="give speeds in degree/s, as 10")
+    if not speeds or not all(SLOWEST <= speed < math.inf for speed in speeds):
+        problem = f"a speed of the sweeps is below {SLOWEST:g} °/s, at which a turn takes an hour"
+        raise InputError(problem, remedy="give speeds in degree/s, as 10")
     check_counts(machine, {"setups": setups})
     seconds, speeds = _seconds_in(minutes, SHORTEST * correlation_s), tuple(sorted(speeds))
     space = make_space(machine, instrument, noise_um=noise_um, setup_sigma=setup_sigma)
