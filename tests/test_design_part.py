@@ -183,7 +183,7 @@ def test_what_does_not_go_with_a_part(folder: Path, tmp_path: Path, capsys: pyte
     calls = {
         "a part counts every error": ["--part", path, "--for", "EX0C"],
         "does not use the part": ["--part", path, "--criterion", "A"],
-        "no circles": ["--part", path, "--circles", "planar", "--effect", "backlash:X"],
+        "no use in a plan of circles": ["--part", path, "--circles", "planar", "--effect", "backlash:X"],
         "none is given": ["--part-tool", "120"],
         "is not X,Y,Z": ["--part", path, "--part-zero", "1,2"],
         "there is no such file": ["--part", str(folder / "nothing.ngc")],
