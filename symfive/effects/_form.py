@@ -82,7 +82,7 @@ class Tone:
     """Forms that are a sine over a coordinate, (run) → (N,): cycles per unit from `lowest` to `highest` are looked for.
 
     `form` (cycles per unit, their resolution, number of places) makes the exact form. Where the recordings do not share the zero
-    of the coordinate, `phased` gives it the phase (rad) of each run but the first, by its id, at the run's zero.
+    of the coordinate, `phased` gives it the phase (rad) of each run but the first, by its id, at the coordinate's zero in the run.
     """
 
     channel: str
