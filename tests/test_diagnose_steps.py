@@ -162,8 +162,7 @@ def test_a_tone_is_found_at_its_frequency_over_runs_that_are_minutes_apart(tmp_p
     plant.write_campaign(tmp_path / "c", machine, runs, {}, None, [tone], seed=6)
     location = locate(read_campaign(tmp_path / "c"))
     first = location.suspects[0]
-    cell = 0.5 / max(run.duration for run in first.campaign.runs)  # no clock ties the phases of the runs to each other
-    assert first.effect.id == "vibration" and first.effect.frequency_hz == pytest.approx(6.71856, abs=0.5 * cell)
+    assert first.effect.id == "vibration" and first.effect.frequency_hz == pytest.approx(6.71856, abs=1e-3)
     assert len(first.intervals) <= 40
     assert sum(i.end_s - i.begin_s for i in first.intervals) > 0.5 * sum(r.duration for r in first.campaign.runs)
 

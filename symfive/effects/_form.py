@@ -81,8 +81,7 @@ class Scan:
 class Tone:
     """Forms that are a sine over a coordinate, (run) → (N,): cycles per unit from `lowest` to `highest` are looked for.
 
-    `form` (cycles per unit, their resolution, number of places) makes the exact form. Where the recordings do not share the zero
-    of the coordinate, `phased` gives it the phase (rad) of each run but the first, by its id, at the coordinate's zero in the run.
+    `form` (cycles per unit, their resolution, number of places) makes the exact form.
     """
 
     channel: str
@@ -92,7 +91,6 @@ class Tone:
     form: Callable[[float, float, int], Form]
     axis: str | None = None
     runs: tuple[str, ...] = field(default=())
-    phased: Callable[[Form, Mapping[str, float]], Form] | None = None
 
 
 Forms = Iterable[Form | Scan | Tone]

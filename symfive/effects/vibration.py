@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Self
 
 import casadi as ca
@@ -27,14 +26,11 @@ LEAST_CYCLES = 4.0
 
 @dataclass(frozen=True, kw_only=True)
 class Vibration(Effect):
-    """sin·sin(2πft) + cos·cos(2πft), f near `frequency_hz`, t on the campaign's clock.
-
-    Nothing ties the clocks of two recordings to a fraction of a cycle: a run in `phases` (id, rad) has 2πft + phase, t on its own
-    clock and the phase a parameter of the run, anywhere on the circle.
+    """sin·sin(2πft) + cos·cos(2πft), t on the campaign's clock, f near `frequency_hz`.
 
     `place`: `structure`, a shift of the tool with two amplitudes in each of `directions` of the machine
-    frame, or `reading`, two amplitudes in each reading column. `run`: in this run only; a
-    campaign without it is left alone. Typical 0.1–2 µm.
+    frame, or `reading`, two amplitudes in each reading column. `run`: in this run only (a tone keeps its
+    phase from run to run only if the runs' `start_s` are right); a campaign without it is left alone. Typical 0.1–2 µm.
     """
 
     id = "vibration"
@@ -48,7 +44,6 @@ class Vibration(Effect):
     place: str = "structure"
     directions: str = "xyz"
     run: str | None = None
-    phases: tuple[tuple[str, float], ...] = ()
 
     @property
     def key(self) -> str:
@@ -94,13 +89,9 @@ class Vibration(Effect):
         def form(frequency: float, resolution: float, places: int) -> Form:
             return Form(effect=cls(frequency_hz=frequency), places=places)
 
-        def phased(form: Form, phases: Mapping[str, float]) -> Form:
-            assert isinstance(form.effect, cls)
-            return replace(form, effect=replace(form.effect, phases=tuple(phases.items())))
-
         yield Tone(
-            channel=TOOL, coordinate=lambda run: run.time, lowest=LEAST_CYCLES / longest, highest=0.98 / shortest,
-            form=form, runs=tuple(run.id for run in runs), phased=phased,
+            channel=TOOL, coordinate=lambda run: run.start_s + run.time, lowest=LEAST_CYCLES / longest,
+            highest=0.98 / shortest, form=form, runs=tuple(run.id for run in runs),
         )  # fmt: skip
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
@@ -113,23 +104,8 @@ class Vibration(Effect):
         frequency = self.own("frequency_hz", "Hz", 1.0 / span, mean=self.frequency_hz, lower=0.5 * self.frequency_hz)
         return (*found, frequency)
 
-    @property
-    def _phase(self) -> str:
-        """What a run calls its phase."""
-        return f"setup.{self.key}.phase"
-
-    def starts(self, run: Run) -> tuple[Parameter, ...]:
-        sigma = math.pi / math.sqrt(3.0)  # of what is equally probable all round
-        own = [phase for name, phase in self.phases if name == run.id]
-        name = run.full_name(self._phase)
-        return tuple(Parameter(name=name, unit="rad", sigma=sigma, mean=x, kind="setup", run=run.id) for x in own)
-
     def apply(self, row: Row) -> None:
-        frequency = self.parameter(row, "frequency_hz")
-        if row.has(self._phase):
-            angle = 2.0 * math.pi * frequency * row.time + row.parameter(self._phase)
-        else:
-            angle = 2.0 * math.pi * frequency * row.clock
+        angle = 2.0 * math.pi * self.parameter(row, "frequency_hz") * row.clock
         sine, cosine = ca.sin(angle), ca.cos(angle)
         if self.place == "structure":
             for c in self.directions:

@@ -135,45 +135,26 @@ class _Seen:
         return np.asarray(np.max([_gain(own - taken, s, width) for width in WIDTHS], axis=0))
 
     def tone(self, tone: Tone) -> Iterator[Form]:
-        """The highest peak of the spectrum; of recordings that do not share a zero, of the sum of their spectra."""
+        """The highest peak of the spectrum."""
         runs = [run for run in self.campaign.runs if not tone.runs or run.id in tone.runs]
         at = {run.id: tone.coordinate(run) for run in runs}
-        groups = [[run] for run in runs] if tone.phased else [runs]
-        lows = [min(float(at[run.id].min()) for run in group) for group in groups]
-        reach = max(float(at[r.id].max()) - low for group, low in zip(groups, lows, strict=True) for r in group)
+        low = min(float(x.min()) for x in at.values())
+        reach = max(float(x.max()) for x in at.values()) - low
         step = 1.0 / (FINE * tone.highest)
         count = int(2 ** np.ceil(np.log2(2.0 * reach / step + 2.0)))
-        cycles = np.arange(count // 2 + 1) / (count * step)
+        score = np.zeros(count // 2 + 1)
+        for part in range(self._tangent(runs[0], (tone.channel, tone.axis)).shape[2]):
+            grid, power = np.zeros(count), 1.0
+            for run in runs:
+                answer = self._tangent(run, (tone.channel, tone.axis))[:, :, part]
+                grid += _spread(at[run.id] - low, np.sum(answer * self._twice[run.id], axis=1), step, count)
+                power += 0.5 * float(np.sum(self._white(run, answer[:, :, None]) ** 2))
+            score += np.abs(_spectrum(grid)) ** 2 / power
+        cycles = np.arange(len(score)) / (count * step)
         seen = (cycles >= tone.lowest) & (cycles <= tone.highest)
-        if not seen.any():
-            return
-        spectra = [self._spectra(tone, group, at, low, step, count) for group, low in zip(groups, lows, strict=True)]
-        score = np.sum([np.abs(parts) ** 2 / power[:, None] for parts, power in spectra], axis=(0, 1))
-        best = int(np.argmax(np.where(seen, score, -1.0)))
-        form = tone.form(float(cycles[best]), float(cycles[1]), int(seen.sum()) // 2 + 1)
-        if tone.phased is None:
-            yield form
-            return
-        turned = 2.0 * np.pi * cycles[best]
-        peaks = [parts[:, best] * np.exp(-1j * turned * low) for (parts, _), low in zip(spectra, lows, strict=True)]
-        first = peaks[0] * np.exp(-1j * turned * runs[0].start_s)  # the first has the clock of the campaign
-        later = zip(runs[1:], peaks[1:], strict=True)
-        yield tone.phased(form, {run.id: float(np.angle(np.sum(peak * first.conj()))) for run, peak in later})
-
-    def _spectra(
-        self, tone: Tone, runs: Sequence[Run], at: Mapping[str, Array], low: float, step: float, count: int
-    ) -> tuple[Array, Array]:
-        """The spectra of the parts of a channel's answer in some runs (parts, count // 2 + 1), and the power (parts,) that a sine
-        of size 1 would have in it."""
-        answers = {run.id: self._tangent(run, (tone.channel, tone.axis)) for run in runs}
-        parts = range(answers[runs[0].id].shape[2])
-        grids, powers = np.zeros((len(parts), count)), np.ones(len(parts))
-        for run in runs:
-            for part in parts:
-                answer = answers[run.id][:, :, part]
-                grids[part] += _spread(at[run.id] - low, np.sum(answer * self._twice[run.id], axis=1), step, count)
-                powers[part] += 0.5 * float(np.sum(self._white(run, answer[:, :, None]) ** 2))
-        return np.array([_spectrum(grid) for grid in grids]), powers
+        if seen.any():
+            best = int(np.argmax(np.where(seen, score, -1.0)))
+            yield tone.form(float(cycles[best]), float(cycles[1]), int(seen.sum()) // 2 + 1)
 
 
 def _gain(h: Array, s: Array, width: float) -> Array:
