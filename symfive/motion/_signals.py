@@ -94,8 +94,7 @@ def approach(positions: Array) -> Array:
 
 @dataclass(frozen=True)
 class Direction(_OfAxis):
-    """Direction of the last motion, -1 or +1 (0: the axis never moves); of an axis in motion it changes where the axis turns,
-    between two rows.
+    """Direction of the last motion, -1 or +1 (0: the axis never moves).
 
     `start` names what it counts as before the axis' first motion in a run; where the run has none, the first motion's.
     """
@@ -108,12 +107,8 @@ class Direction(_OfAxis):
         return (self.start,) if self.start else ()
 
     def series(self, motion: RunMotion) -> Series:
-        position = motion.axis(self.axis).position
-        side = approach(position.value)
-        if motion.run.dynamic:
-            for at, _, direction in _reversals(motion.run.time, position):
-                side[motion.run.time > at] = direction
-        return _begun(motion, position.value, side, self.start)
+        positions = motion.axis(self.axis).position.value
+        return _begun(motion, positions, approach(positions), self.start)
 
 
 def unmoved(positions: Array) -> int:
