@@ -71,9 +71,8 @@ class AxisGrowth(Effect):
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         way = float(np.ptp(self.its_axis(campaign).travel))
-        held = self.own(
-            "held", "mm", way / math.sqrt(12.0), mean=0.5 * way
-        )  # anywhere, from the lower end of the travel
+        # anywhere on the travel, counted from its lower end
+        held = self.own("held", "mm", way / math.sqrt(12.0), mean=0.5 * way)
         found = (self.own("growth", "ppm", PPM), held)
         return found if self.shape == "linear" else (*found, self.time_constant(0.5 * self.clock_span(campaign)))
 
