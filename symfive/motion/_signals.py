@@ -280,9 +280,8 @@ class Play:
         for name, tangent in position.tangents.items():
             halves[name] = 0.5 * sign * growth * tangent
         tangents = _play_tangents(state, half, position, halves)
-        if (
-            self.start in motion.values
-        ):  # until the first flank the output stands where it began, at a flank if not pushed
+        # until the first flank the output stands where it began, at a flank if not pushed
+        if self.start in motion.values:
             pushed = motion.values[self.start] * (position.value - position.value[0]) > 0.0
             began = (state == motion.values[self.start]) & ~np.logical_or.accumulate(pushed)
             standing = np.logical_and.accumulate((np.abs(state) < 1.0) | began)
