@@ -151,7 +151,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     print("3 Map of B (10)-(15) and of C (16)-(22), rms error in the paper's gauge")
     print(f"  stage by stage: shifts {_rms(off[:, :3]):.2f} µm, angles {_rms(off[:, 3:]):.2f} µrad")
     print(f"  B and C at once: shifts {_rms(better[:, :3]):.2f} µm, angles {_rms(better[:, 3:]):.2f} µrad")
-    print(f"  rank {joint.rank} of {len(joint.parameters)} parameters; not to be told apart:")
+    print(f"  rank {joint.rank} of {len(joint.parameters)} parameters; cannot be separated:")
     print("\n".join(f"    {c.words}" for c in joint.confounded if not c.names[0].startswith("setup.")))
     figures.save(figures.error_functions_b(found, jointly, hidden), pictures, "error-functions-b")
     figures.save(figures.error_functions_bc(found, hidden), pictures, "error-functions-bc")
