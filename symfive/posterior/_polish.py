@@ -170,7 +170,8 @@ class _Round:
         """By how many nats an exact refit of a subset, in its best shapes, is better than what the expansion holds, and that
         fit: all subsets of its names together; of the same names, forms of them, that subset alone."""
         known, moments = {form.effect.key for form in self.here.held}, self.posterior.moments
-        if subset not in self.refits:
+        fresh = subset not in self.refits
+        if fresh:
             there, evidence = _shaped(refitted(moments, subset), self.candidates, self.progress, known)
             self.refits[subset], self.exactly[subset] = there, evidence + log_prior(moments, subset)
         there, mass, held = self.refits[subset], self.exactly[subset], held_by(moments)
@@ -178,7 +179,8 @@ class _Round:
         if self.posterior.named(subset) != self.posterior.named(held):
             gain = self.posterior.worth(subset, mass) - self.posterior.worth(held, self.mass)
         self.leads[there.keys] = gain, subset
-        self.progress(f"refitted with {_words(there) or 'no effect'}: log evidence {gain:+.1f}")
+        if fresh:
+            self.progress(f"refitted with {_words(there) or 'no effect'}: log evidence {gain:+.1f}")
         return gain, there
 
 
