@@ -43,6 +43,7 @@ def _polar(run: Run) -> tuple[np.ndarray, np.ndarray]:
 def test_positions_and_drives_are_those_of_the_programme():
     """The middle of a circle, cut out and put back: the drives move as in the whole one, from the first row on."""
     (whole, _) = _circles().runs
+    whole = replace(whole, options={**whole.options, "between": "curve"})  # of a control, not of the rows of a plan
     x = whole.commands["X"]
     angle, _ = _polar(whole.with_readings({"dL_um": np.zeros(whole.rows)}))
     part = polar_run(MACHINE, angle, np.zeros(len(angle)), centre=CENTRE, radius=RADIUS, feed=FEED, angle_error=0.0)
@@ -53,7 +54,7 @@ def test_positions_and_drives_are_those_of_the_programme():
         full, cut = (RunMotion(run, MACHINE, {}, {}).axis(name) for run in (whole, part))
         np.testing.assert_allclose(cut.position.value, full.position.value[rows], atol=2e-4)
         np.testing.assert_allclose(cut.velocity.value, full.velocity.value[rows], atol=3e-4)
-    at_rest = RunMotion(replace(part, options={}), MACHINE, {}, {}).axis("Y").position.value
+    at_rest = RunMotion(replace(part, options={"between": "curve"}), MACHINE, {}, {}).axis("Y").position.value
     moving = RunMotion(part, MACHINE, {}, {}).axis("Y").position.value
     assert np.abs(at_rest - moving)[:3].max() > 1e-2  # else the drive would have to catch up from standstill
 

@@ -215,7 +215,7 @@ def polar_run(
     run = Run(
         id=id, instrument=("ball_bar",), sampling="dynamic", time=time,
         commands=nominal.follow(target, ball, hold or {}, f"circle {id}"), readings={"dL_um": deviation}, table_ball=(x, y, z),
-        tool_ball=ball, length=radius, noise_um=noise_um, options={"start": "moving"},
+        tool_ball=ball, length=radius, noise_um=noise_um, options={"start": "moving", "between": "curve"},
         setup_sigma_um=setup_sigma_um or SetupSigma(table_ball=20.0, tool_ball=20.0, length=0.5),
         clock_sigma_ms=1e3 * 0.5 * float(np.radians(angle_error)) * radius / (feed / 60.0),
     )  # fmt: skip

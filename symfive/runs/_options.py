@@ -53,6 +53,7 @@ def _touches(value: Any) -> bool:
 
 OPTIONS: dict[str, tuple[Callable[[Any], bool], str]] = {
     "axis": (_text, '"X"'),
+    "between": (lambda value: value in ("line", "curve"), '"curve"'),
     "directions": (_touches, "[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]"),
     "encoder_axes": (_texts, '["X", "C"]'),
     "encoder_zero_sigma": (lambda value: is_number(value) and value >= 0.0, "a number from zero"),
