@@ -159,7 +159,11 @@ def _stepped(moments: Moments, term: int, step: Array) -> dict[str, float]:
     """Parameters of a fresh term where the linear solution puts them, within their bounds."""
     effect, columns = moments.terms[term].effect, moments.columns[term]
     parameters = replace(effect, spread=1.0).parameters(moments.fit.model.campaign)
-    at, found, own = moments.terms[term].form.at, {}, len(parameters)  # the states in which it begins stay where they are
+    at, found, own = (
+        moments.terms[term].form.at,
+        {},
+        len(parameters),
+    )  # the states in which it begins stay where they are
     for p, x, size in zip(parameters, step[:own], columns.amplitude[:own], strict=True):
         value = p.mean + p.sigma * x if size else at.get(p.name, p.initial)
         if p.start is not None and p.lower > -np.inf:
