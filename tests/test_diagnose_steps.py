@@ -265,15 +265,18 @@ def test_tests_to_choose_from_have_the_rows_that_the_recorder_lost():
 
 
 @pytest.mark.slow
-def test_an_alias_is_named_with_its_rival_and_told_apart_by_the_test_it_asks_for(tmp_path):
-    """Play of X and a carriage that turns about B at 80 mm below the ball read alike until the ball stands higher."""
-    play = [{"effect": "backlash", "axis": "X", "width": 0.3}]
+@pytest.mark.parametrize("law", [{"width": 0.3}, {"width": 3.0, "form": "presliding", "distance": 270.0}])
+def test_an_alias_is_named_with_its_rival_and_told_apart_by_the_test_it_asks_for(tmp_path, law):
+    """Play of X and a carriage that turns about B at 80 mm below the ball read alike until the ball stands higher, whatever the
+    contact does behind a reversal: with pre-sliding the turn was compared without, and the play stated at 99 %."""
+    play = [{"effect": "backlash", "axis": "X", **law}]
     campaign = _circles(tmp_path, (800.0,), play, 4, "c")
     found = diagnose(campaign)
     finding = found.findings[0]
     assert (finding.name, finding.axis) == ("backlash", "X") and finding.confidence < 0.9
     assert finding.rivals[0].effect == "lateral_play" and finding.rivals[0].confidence > 0.1
     assert finding.test is not None and finding.test.useful and "-z" in finding.test.table[0].name
+    assert finding.test.before < 2.0
     asked = finding.test.test.runs[0]
     machine = plant.planar_table()
     run = plant.planar_circle(machine, "asked", centre=asked.table_ball, feed=800.0, direction=1)

@@ -33,6 +33,8 @@ def test_a_rival_whose_steps_lead_beyond_the_readings_is_judged_by_the_best_of_t
         predict_run=lambda run, truth: np.zeros((1, 1)),
         noise=lambda run: np.ones(1),
         start=np.zeros(1),
+        prior_mean=np.zeros(1),
+        prior_sigma=np.ones(1),
         campaign=SimpleNamespace(runs=[SimpleNamespace(id="run")]),
     )
     rival: Any = SimpleNamespace(

@@ -2,12 +2,13 @@
 
 For a test with readings η and noise σ, and explanation a true at θ_a (A. C. Atkinson & V. V. Fedorov 1975)
 
-    T(a, b) = min over θ_b of Σ ((η_a(θ_a) - η_b(θ_b)) / σ)² + Σ ((θ_b - mean) / σ_prior)²
+    T(a, b) = min over θ_b of Σ ((η_a(θ_a) - η_b(θ_b)) / σ)² + Σ ((θ_b - mean) / σ_prior)² - Σ ((θ_a - mean) / σ_prior)²
 
-is what remains after the rival has been fitted with all its freedom: machine errors, set-up errors, effects. √T is the
-expected separation in σ. What was measured already binds the rival too, so its runs stand in the same sum. The Bayesian
-form averages T over the prior of the true explanation's parameters (W. G. Hunter & A. M. Reiner 1965; G. E. P. Box & W. J.
-Hill 1967: ½T is the expected log Bayes factor). The smaller of T(a, b) and T(b, a) counts.
+is what remains after the rival has been fitted with all its freedom: machine errors, set-up errors, effects; by how much the
+truth itself departs from its priors speaks for neither. √T is the expected separation in σ. What was measured already binds the
+rival too, so its runs stand in the same sum. The Bayesian form averages T over the prior of the true explanation's parameters
+(W. G. Hunter & A. M. Reiner 1965; G. E. P. Box & W. J. Hill 1967: ½T is the expected log Bayes factor). The smaller of T(a, b)
+and T(b, a) counts.
 """
 
 from __future__ import annotations
@@ -235,6 +236,7 @@ class _Explained:
             lambda at: {run.id: true.predict_run(run, at) / true.noise(run) for run in runs}, truth, true.start
         )
         self._rival, self._started = rival, started
+        self._departure = float(np.sum(((truth - true.prior_mean) / true.prior_sigma) ** 2))
 
     def _lines(self, ids: Sequence[str], values: Array, *, first: bool) -> _Lines:
         if not first:
@@ -243,7 +245,7 @@ class _Explained:
         return {id: self._started[id] for id in ids}
 
     def left(self, ids: Sequence[str]) -> float:
-        """T: what the rival cannot explain of the readings of some runs (Gauss–Newton with the priors)."""
+        """T: what the rival cannot explain of the readings of some runs (Gauss–Newton with the priors), at least nothing."""
         rival, values, best = self._rival, self._rival.start, math.inf
         precision = rival.prior_sigma**-2.0
         lower, upper = (np.array([getattr(p, side) for p in rival.parameters]) for side in ("lower", "upper"))
@@ -271,4 +273,4 @@ class _Explained:
             if square - expected < 1e-3 * max(square, 1e-12) or not np.all(np.isfinite(moved)):
                 break
             values = moved
-        return best
+        return max(best - self._departure, 0.0)
