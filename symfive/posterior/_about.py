@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import replace
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
 from symfive.effects import Effect, Form
+from symfive.model import Model
 from symfive.motion import Play, PreSliding
 from symfive.posterior._fit import WHITE, Expansion
 from symfive.posterior._moments import Moments, moments_of
@@ -34,24 +34,35 @@ def moments_about(here: Expansion, candidates: Candidates) -> Moments:
 
 def _in_held_laws(here: Expansion, candidates: Candidates) -> Iterator[Form]:
     """Effects of other names in the laws that the fit holds: what may stand in the place of a held effect is looked at where the
-    same contact gives way in the same shape, over the same distance."""
-    campaign, found = here.fit.model.campaign, set[str]()
+    same contact gives way in the same shape, over the same distance, and where it moves the readings as much."""
+    taken = {form.effect.key for form in here.held}
     for held in here.held:
         laws = {(type(law), law.axis): law.parameters for law in _contacts(held.effect)}
-        others = [form for form in candidates.forms if laws and name_of(form.effect) != name_of(held.effect)]
-        for shape in (shape for form in others for shape in form.shapes):
-            effect = replace(shape, tag=str(getattr(shape, "shape", "")))
-            bounds = {p.name: (p.lower, p.upper) for p in effect.parameters(campaign)}
-            for law in _contacts(effect):
-                names = zip(law.parameters, laws.get((type(law), law.axis), ()), strict=False)
-                at = {
-                    own: float(np.clip(here.fit[its], *bounds[own]))
-                    for own, its in names
-                    if own in bounds and its in here.fit.named
-                }
-                if at and effect.key not in found:
-                    found.add(effect.key)
-                    yield Form(effect=effect.prepare(campaign), at=at)
+        for form in candidates.forms if laws else ():
+            if form.at or form.effect.key in taken or name_of(form.effect) == name_of(held.effect):
+                continue
+            for shape in form.shapes:
+                same = (
+                    zip(law.parameters, laws.get((type(law), law.axis), ()), strict=False) for law in _contacts(shape)
+                )
+                pairs = {own: here.fit.named[its] for each in same for own, its in each if its in here.fit.named}
+                at = {p.name: float(np.clip(pairs[p.name], p.lower, p.upper))
+                      for p in shape.parameters(here.fit.model.campaign) if p.name in pairs}  # fmt: skip
+                if at:
+                    others = tuple(other for other in (form.effect, *form.shapes) if other != shape)
+                    yield Form(effect=shape, shapes=others, at=_as_large(here, held.effect, shape, at))
+
+
+def _as_large(here: Expansion, held: Effect, effect: Effect, at: Mapping[str, float]) -> dict[str, float]:
+    """The parameters at which an effect changes the readings as a held one does, as far as it can (least squares, in noise)."""
+    fit = here.fit
+    model = Model(fit.model.campaign, (*fit.model.added, effect))
+    values = {**fit.named, **effect.typical(fit.model.campaign), **at}
+    mine, its = fit.model.contribution(held, fit.values), model.contribution(effect, values)
+    noise = {run.id: fit.model.noise(run) for run in fit.model.campaign.runs}
+    given, seen = (sum(float(np.sum(its[k] * other[k] / n**2)) for k, n in noise.items()) for other in (mine, its))
+    sizes = {p.name: values[p.name] * given / seen for p in effect.amplitudes(fit.model.campaign)} if seen else {}
+    return {**sizes, **at}
 
 
 def _contacts(effect: Effect) -> list[Play | PreSliding]:
