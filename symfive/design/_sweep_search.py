@@ -131,8 +131,8 @@ class _Way:
         return won.ravel()[fits], cost.ravel()[fits], fits
 
     def _between(self, tables: Sequence[Array], wide: int) -> tuple[Array, Array]:
-        """What it gains and takes to put each position, or none (last column), between two neighbours of the way or, if `wide`, in
-        the place of the one between them; infinite seconds where that is not possible. The last position of the `tables` is
+        """What it gains and takes to put each position, or none (last column), between two neighbours of the way or, if `wide`,
+        in the place of the one between them; infinite seconds where that is not possible. The last position of the `tables` is
         beside the way: from it and to it nothing is gained and takes no time."""
         n = len(self.grid.positions)
         way = np.array([n, *self.way, n])
