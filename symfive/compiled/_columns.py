@@ -26,8 +26,8 @@ CHUNK = 1024
 """Rows at a time: the columns at work stay in the processor's cache."""
 FEWEST = 256
 """Of fewer rows CasADi's interpreter is faster: an array operation costs as much as that takes for about so many."""
-SHARE = 0.4
-"""Of what CasADi's interpreter costs for many rows."""
+SHARE = 0.25
+"""Of what CasADi's interpreter costs for many rows, of large functions, whose compiling costs (small ones: up to 0.6)."""
 
 
 def _each(function: Callable[..., float]) -> Callable[..., Value]:
