@@ -161,11 +161,11 @@ def _start(sheet: Sheet, run: Run) -> list[str]:
         zeroed = all(instrument.zeroed(run) for instrument in instruments_of(run))
         ((stands, held),) = ((i.on_table(run), i.in_spindle(run)) for i in instruments_of(run) if i.name == "r_test")
         moved = held.split()[-1]
-        there = "you seat the ball" if moved == "ball" else "it reads the ball"
+        there = "you seat the ball" if moved == "ball" else "you bring it to the ball"
         return [
             f"{stands[0].upper()}{stands[1:]} and {held} are mounted before the program of run {run.id} starts. It stops with "
             f"the {moved} away from the {stands}, and again where {there}"
-            f"{' and you set its readings to zero' if zeroed else ''}.",
+            f"{' and set its readings to zero' if zeroed else ''}.",
             *(
                 []
                 if zeroed
