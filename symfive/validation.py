@@ -10,7 +10,7 @@ from symfive.errors import InputError
 from symfive.files import shown
 from symfive.separated import LARGEST, SMALLEST
 
-__all__ = ["as_lists", "as_tuples", "finite", "freeze", "is_number", "numbers", "one_of", "positive"]
+__all__ = ["as_lists", "as_tuples", "at_most", "finite", "freeze", "is_number", "numbers", "one_of", "positive"]
 
 
 def is_number(value: object) -> TypeGuard[float]:
@@ -37,6 +37,15 @@ def positive(owner: str, /, **values: Any) -> None:
         if value < SMALLEST:
             problem = f"{owner}: {name} = {shown(value)} is not positive"
             raise InputError(problem, remedy="write a number above zero", keys=(name,))
+
+
+def at_most(owner: str, most: float, unit: str, why: str, /, **values: float) -> None:
+    """Raise `InputError` unless all are finite numbers of a size up to `most`, beyond which there is none: `why`."""
+    finite(owner, **values)
+    for name, value in values.items():
+        if abs(value) > most:
+            problem = f"{owner}: {name} = {value:g} {unit} is beyond {most:g} {unit}: {why}"
+            raise InputError(problem, remedy=f"give at most {most:g}", keys=(name,))
 
 
 def numbers(owner: str, name: str, values: object, count: int | None = None, *, example: str) -> None:

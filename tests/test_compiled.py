@@ -60,7 +60,7 @@ def test_little_work_is_never_compiled_and_much_work_is_once(cache) -> None:
 @needs_compiler
 @pytest.mark.parametrize("note", ["whole", "nonsense", "nan", "-1e9", "1e300"])
 def test_what_earlier_runs_have_paid_counts(cache, monkeypatch, note) -> None:
-    for name in ("COMPILED_S", "COMPILED_OPERATION_S", "LOOKED_UP_S", "LOOKED_UP_OPERATION_S", "NOTED_S"):
+    for name in ("COMPILED_S", "COMPILED_OPERATION_S", "LOOKED_UP_S", "LOOKED_UP_OPERATION_S"):
         monkeypatch.setattr(_mapped, name, 0.2 * getattr(_mapped, name))  # all costs alike, and sooner
     many = np.tile(POINTS, (20, 1))
     calls = [0, 0]
@@ -84,7 +84,6 @@ def test_runs_that_each_pay_less_than_those_before_add_up(cache, monkeypatch) ->
     many, mapped = np.tile(POINTS, (20, 1)), Mapped(small(), (1,))
     price = _mapped.COMPILED_S + _mapped.COMPILED_OPERATION_S * mapped._operations
     a_call = len(many) * mapped._operations * _mapped.SHARE * _mapped.INTERPRETED_S
-    monkeypatch.setattr(_mapped, "NOTED_S", 0.01 * price)
     runs = 0
     while not mapped.compiled and runs < 9:
         monkeypatch.setattr(_mapped, "_STATES", {})

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from lean import location_only
 
 from symfive.campaign import read_campaign
 from symfive.cli import main
-from symfive.design import Plan, assess, plan
+from symfive.design import Plan, assess, plan, plan_sweeps, plan_together
 from symfive.errors import InputError
 from symfive.machine import Workspace, preset, write_machine
 
@@ -63,6 +64,8 @@ def test_time_budget_and_a_lost_pose() -> None:
         ({}, {"points": 1}, "points = 1 is too few; give at least 2"),
         ({}, {"repeats": 100_000}, "repeats = 100000 is too many; give at most 1000"),
         ({}, {"minutes": 1.0}, "1 minutes are too short"),
+        ({}, {"minutes": 1e7}, "minutes = 1e+07 min is beyond 1440 min"),
+        ({}, {"minutes": float("nan")}, "minutes = nan is not a finite number"),
         ({}, {"instrument": "laser"}, "plans with laser are not designed; use r_test, touch_probe or ball_bar"),
         ({}, {"criterion": "Q"}, 'criterion "Q" is unknown'),
     ],
@@ -74,6 +77,32 @@ def test_what_cannot_be_done_is_said_in_one_sentence(
     with pytest.raises(InputError) as caught:
         plan(replace(OYAMA, workspace=workspace, text=""), starts=1, **options)  # type: ignore[arg-type]
     assert says in str(caught.value) and "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ({"minutes": 1e7}, "minutes = 1e+07 min is beyond 1440 min"),
+        ({"minutes": 1440.0}, "give at most 260 minutes, or more setups"),
+        ({"minutes": 70.0, "setups": 1}, "more than 1 recording can use: one lasts an hour at most"),
+    ],
+)
+def test_no_recording_is_planned_beyond_an_hour(options: dict[str, float], says: str) -> None:
+    with pytest.raises(InputError, match=re.escape(says)):
+        plan_sweeps(OYAMA, **options)  # type: ignore[arg-type]
+
+
+def test_several_instruments_share_a_day_at_most() -> None:
+    with pytest.raises(InputError, match="beyond 1440 min"):
+        plan_together(OYAMA, minutes=1e7)
+
+
+def test_a_plan_in_motion_says_what_it_does() -> None:
+    def stop(message: str) -> None:
+        raise StopIteration(message)
+
+    with pytest.raises(StopIteration, match="comparing 1 mounting"):
+        plan_sweeps(OYAMA, minutes=8.0, progress=stop)
 
 
 def test_a_parameter_that_no_plan_can_see_is_named() -> None:
@@ -225,7 +254,11 @@ def test_circles_on_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixtu
         (["--circles", "planar", "--effect", "backlash:X", "--repeats", "2"], "--repeats"),
         (["--tool-centre-on", "TRAORI"], "--tool-centre-off"),
         (["--tool-centre-off", "TRAFOOF"], "--tool-centre-on"),
-        (["--in-motion", "--minutes", "1e7"], "--minutes"),
+        (["--in-motion", "--minutes", "1e7"], "minutes = 1e+07 min is beyond 1440 min"),
+        (["--in-motion", "--minutes", "1440"], "give at most 260 minutes"),
+        (["--dwell", "1e9"], "dwell_s = 1e+09 s is beyond 3600 s"),
+        (["--machine-top", "1e9"], "no machine tool is larger than 100 m"),
+        (["--instrument", "touch_probe", "--tip-radius", "1e9"], "tip_radius = 1e+09 mm"),
         (["--circles", "iso-230-4", "--sweep", "400"], "--sweep"),
     ],
 )

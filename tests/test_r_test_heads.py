@@ -1,10 +1,13 @@
 """R-test heads in the spindle: readings in the machine's and the tool's frame against the independent plant."""
 
+import re
+
 import numpy as np
 import plant
 import pytest
 
 from symfive.campaign import read_campaign
+from symfive.cli import main
 from symfive.errors import InputError
 from symfive.identify import identify
 from symfive.model import Model
@@ -82,3 +85,13 @@ def test_sensors_in_one_plane_are_refused(tmp_path):
     (tmp_path / "campaign.toml").write_text(text + "directions = [[1, 0, 0], [0, 1, 0], [1, 1, 0]]\n")
     with pytest.raises(InputError, match="do not span"):
         read_campaign(tmp_path)
+
+
+def test_a_head_in_the_spindle_is_no_nest(tmp_path, capsys):
+    words = ["--frame", "tool", "--points", "6", "--setups", "1", "--starts", "1", "--no-proof", "-q"]
+    assert main(["plan", "oyama-2010", "-o", str(tmp_path / "plan"), *words]) == 0
+    pages = [*(tmp_path / "plan").glob("*.html"), *(tmp_path / "plan" / "nc").rglob("*.*")]
+    said = capsys.readouterr().out + "".join(
+        re.sub(r"(?s)<style.*?</style>|<[^>]*>", " ", path.read_text()) for path in pages
+    )
+    assert "R-test head" in said and "run head-1" in said and not re.search(r"\bnest\b", said, re.I)

@@ -52,8 +52,6 @@ class _Path(click.Path):
 
 PATH = _Path(path_type=Path)
 POSITIVE = Number(SMALLEST)
-DAY_MIN = 1440.0
-"""Longest plan: over more than a day no temperature, and no machine, stays the same."""
 MOST = 100_000
 """Poses, circles, repeats, starts: more would not end."""
 COUNT = click.IntRange(max=MOST)

@@ -10,7 +10,6 @@ import click
 
 from symfive.cli._common import (
     COUNT,
-    DAY_MIN,
     PATH,
     POSITIVE,
     SEED,
@@ -114,7 +113,7 @@ def check(path: Path, as_json: bool, quiet: bool) -> None:
     multiple=True,
     help="Fewest poses (at most --points) until NAME=1σ is expected, as EX0C=2um; may be repeated.",
 )
-@click.option("--minutes", type=Number(SMALLEST, DAY_MIN), help="Time budget in minutes, set-up included.")
+@click.option("--minutes", type=POSITIVE, help="Time budget in minutes, set-up included.")
 @click.option("--per-minute", is_flag=True, help="The poses with most information per minute.")
 @click.option("--setups", type=COUNT, help="Most positions of nest or balls.")
 @click.option("--bar", "bars", type=POSITIVE, multiple=True, help="Length in mm of a bar you own; may be repeated.")
@@ -299,7 +298,7 @@ def plan(
             result = plan_sweeps(
                 data, instrument=poses["instrument"], minutes=poses["minutes"] or 8.0, criterion=criterion or "D", for_=names,
                 given=None if given is None else read(given, quiet), setups=poses["setups"], lengths=bars, noise_um=noise_um,
-                setup_sigma=setup_sigma_of(sigmas), certify=not no_proof,
+                setup_sigma=setup_sigma_of(sigmas), certify=not no_proof, progress=Progress(quiet),
                 **{name: value for name, value in motion.items() if value},
             )  # fmt: skip
         elif circles == CIRCULAR_TEST:

@@ -26,21 +26,42 @@ CHUNK = 1024
 """Rows at a time: the columns at work stay in the processor's cache."""
 FEWEST = 256
 """Of fewer rows CasADi's interpreter is faster: an array operation costs as much as that takes for about so many."""
-SHARE = 0.4
-"""Of what CasADi's interpreter costs for many rows."""
+SHARE = 0.25
+"""Of what CasADi's interpreter costs for many rows, of large functions, whose compiling costs (small ones: up to 0.6)."""
 
 
-def _each(function: Callable[..., float]) -> Callable[..., Value]:
-    """A function of the C library over numbers or columns. It raises where it has no value."""
+_OWN = threading.local()
+
+
+def _each(number: Callable[..., float], column: Callable[..., Any]) -> Callable[..., Value]:
+    """A function of the C library: of numbers, where it raises if it has no value, or of columns, in one loop of CasADi's."""
 
     def applied(*given: Value) -> Value:
         size = next((len(value) for value in given if isinstance(value, np.ndarray)), None)
         if size is None:
-            return function(*given)
-        columns = (value.tolist() if isinstance(value, np.ndarray) else [value] * size for value in given)
-        return np.fromiter(map(function, *columns), dtype=float, count=size)
+            return number(*given)
+        trigger, sources, result = _loop(column, len(given))
+        for source, value in zip(sources, given, strict=True):
+            source[:size] = value
+        trigger()
+        return result[:size].copy()
 
     return applied
+
+
+def _loop(function: Callable[..., Any], count: int) -> tuple[Callable[[], None], list[Array], Array]:
+    """What evaluates a function of so many columns of `CHUNK` numbers, of this thread, with its arguments and its result."""
+    loops: dict[Any, Any] = _OWN.__dict__.setdefault("loops", {})
+    if function not in loops:
+        columns = [ca.MX.sym(f"column{i}", CHUNK) for i in range(count)]
+        loop: Any = ca.Function("loop", columns, [function(*columns)])
+        buffer, trigger = loop.buffer()
+        sources, result = [np.zeros(CHUNK) for _ in columns], np.zeros(CHUNK)
+        for i, source in enumerate(sources):
+            buffer.set_arg(i, source.data)
+        buffer.set_res(0, result.data)
+        loops[function] = buffer, trigger, sources, result
+    return loops[function][1:]  # type: ignore[no-any-return]
 
 
 def _number(value: Any) -> Value:
@@ -83,23 +104,21 @@ _ROUNDED: dict[int, tuple[Callable[..., float], Callable[..., Array], bool]] = {
 }
 """Operations that IEEE 754 rounds in one way only: of numbers, of columns, whether their one argument is taken twice."""
 _LIBRARY: dict[int, Callable[..., Value]] = {
-    ca.OP_SIN: _each(math.sin), ca.OP_COS: _each(math.cos), ca.OP_TAN: _each(math.tan), ca.OP_ATAN: _each(math.atan),
-    ca.OP_ATAN2: _each(math.atan2), ca.OP_EXP: _each(math.exp), ca.OP_LOG: _each(math.log), ca.OP_TANH: _each(math.tanh),
-    ca.OP_POW: _each(math.pow), ca.OP_CONSTPOW: _each(math.pow), ca.OP_IF_ELSE_ZERO: _if,
+    ca.OP_SIN: _each(math.sin, ca.sin), ca.OP_COS: _each(math.cos, ca.cos), ca.OP_TAN: _each(math.tan, ca.tan),
+    ca.OP_ATAN: _each(math.atan, ca.atan), ca.OP_ATAN2: _each(math.atan2, ca.atan2), ca.OP_EXP: _each(math.exp, ca.exp),
+    ca.OP_LOG: _each(math.log, ca.log), ca.OP_TANH: _each(math.tanh, ca.tanh), ca.OP_POW: _each(math.pow, operator.pow),
+    ca.OP_CONSTPOW: _each(math.pow, ca.constpow), ca.OP_IF_ELSE_ZERO: _if,
     ca.OP_LT: _compared(operator.lt), ca.OP_LE: _compared(operator.le),
     ca.OP_EQ: _compared(operator.eq), ca.OP_NE: _compared(operator.ne),
     ca.OP_FMIN: _extreme(np.fmin), ca.OP_FMAX: _extreme(np.fmax), ca.OP_SIGN: lambda value: _number(
         np.where(np.less(value, 0.0), -1.0, np.where(np.greater(value, 0.0), 1.0, value))),
     ca.OP_FLOOR: lambda value: _number(np.floor(value)), ca.OP_CEIL: lambda value: _number(np.ceil(value)),
-    ca.OP_FMOD: _each(math.fmod), ca.OP_NOT: _compared(partial(operator.eq, 0.0)),
+    ca.OP_FMOD: _each(math.fmod, ca.fmod), ca.OP_NOT: _compared(partial(operator.eq, 0.0)),
     ca.OP_AND: _compared(lambda one, other: (one != 0.0) & (other != 0.0)),
     ca.OP_OR: _compared(lambda one, other: (one != 0.0) | (other != 0.0)),
     ca.OP_INV: lambda value: 1.0 / value, ca.OP_ASSIGN: lambda value: value,
 }  # fmt: skip
 """All others, of numbers or columns."""
-
-
-_OWN = threading.local()
 
 
 def _scratch(size: int) -> Array:

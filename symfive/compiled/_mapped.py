@@ -31,9 +31,10 @@ PIECE = 4096
 INTERPRETED_S = 5e-9
 """Of one operation on one row. These costs are of one processor; only their ratios matter, which vary little."""
 LOOKED_UP_S, LOOKED_UP_OPERATION_S = 3e-3, 3e-6
-COMPILED_S, COMPILED_OPERATION_S = 0.1, 4.2e-4
-NOTED_S = 0.02
-"""Interpretation is noted for later runs whenever it has grown by so much, so that what many runs cost adds up."""
+COMPILED_S, COMPILED_OPERATION_S = 0.05, 1.8e-4
+NOTED = 0.05
+"""Interpretation is noted for later runs whenever it has grown by this share of what compiling costs, so that what many runs cost
+adds up."""
 MOST_OPERATIONS = 40_000
 
 
@@ -193,7 +194,7 @@ class Mapped:
     def _decide(self, agrees: Callable[[Library], bool]) -> None:
         state, bought = self._state, COMPILED_S + COMPILED_OPERATION_S * self._operations
         if state.looked and state.spent < bought:
-            if not state.library and state.spent > state.noted + NOTED_S:
+            if not state.library and state.spent > state.noted + NOTED * bought:
                 state.noted = state.spent
                 note_interpretation(state.key, state.spent)
             return

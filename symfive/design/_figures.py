@@ -15,6 +15,7 @@ from symfive.arrays import Array
 from symfive.campaign import FIRST_LINE, Run
 from symfive.design._mounting import STILL
 from symfive.drawing.render import rendered
+from symfive.instruments import instruments_of
 from symfive.machine import Machine
 from symfive.numbers import unit_words
 from symfive.procedures import Nominal
@@ -66,14 +67,15 @@ def pose_figure(machine: Machine, run: Run) -> Figure:
         )
     if turning:
         _rotary_path(panels[2], run, turning, colours)
-    _key(figure, "ball_bar" in run.instrument)
+    _key(figure, run)
     return figure
 
 
-def _key(figure: Figure, bar: bool) -> None:
+def _key(figure: Figure, run: Run) -> None:
     """What the lines of the pose picture are."""
+    bar, stands = "ball_bar" in run.instrument, next(i.on_table(run) for i in instruments_of(run) if i.stands)
     lines = [
-        Line2D([], [], marker="o", linestyle="", color="#c1121f", label="table ball" if bar else "nest"),
+        Line2D([], [], marker="o", linestyle="", color="#c1121f", label=stands),
         Line2D([], [], color="0.3", linewidth=0.8, linestyle=(0, (3, 1.5)), label="tool, from its ball upward"),
         *([Line2D([], [], color="0.3", linewidth=1.8, label="bar")] if bar else []),
         Line2D([], [], color="0.6", linewidth=3.0, label="table, post"),

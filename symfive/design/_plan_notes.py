@@ -9,6 +9,7 @@ from symfive.design._dominance import what_dominates
 from symfive.design._rounding import not_rounded
 from symfive.design._schedule import Schedule
 from symfive.design._space import Space
+from symfive.instruments import instruments_of
 from symfive.numbers import with_unit
 from symfive.optimal import Task
 
@@ -72,9 +73,10 @@ def _removals(schedule: Schedule, name: str, count: int) -> str:
     """How often the instrument comes off within a run, and why."""
     run = next(run for run in schedule.campaign.runs if run.id == name)
     bar = run.length is not None
-    what = "remove the bar" if bar else "leave the nest"
+    (stands, held), *_ = ((i.on_table(run), i.in_spindle(run)) for i in instruments_of(run))
+    what = "remove the bar" if bar else f"leave the {stands}"
     stops = " (program stops there)" if bar else ""
-    seated = "bar on" if bar else "ball in the nest"
+    seated = "bar on" if bar else f"{held.split()[-1]} in the nest" if stands == "nest" else f"{held} at the {stands}"
     return (
         f"run {name}: {what} before {count} of the poses{stops}; no clear move with the {seated} was found, and another pose "
         "would cost more information than time"

@@ -61,8 +61,25 @@ def _how_read(campaign: Campaign, run: Run, post: Post) -> str:
     if "touch_probe" in run.instrument:
         return f"sphere at ({at}) mm, {len(touches_of(run))} touches at each, which the control logs"
     columns = [column.name for i in instruments_of(run) for column in i.columns(run, campaign.machine)]
-    what = f"table ball at ({at}) mm, bar of {run.length:g} mm" if run.length is not None else f"nest at ({at}) mm"
+    what = (
+        f"table ball at ({at}) mm, bar of {run.length:g} mm"
+        if run.length is not None
+        else f"{_parts(run)[0]} at ({at}) mm"
+    )
     return f"{what}; {post.dwell_s:g} s at rest, then {READ[post.at_pose]} {', '.join(columns)} into the line of {run.file}"
+
+
+def _parts(run: Run) -> tuple[str, str]:
+    """What stands on the table, and what the spindle holds."""
+    return next((i.on_table(run), i.in_spindle(run)) for i in instruments_of(run) if i.stands)
+
+
+def _leaves(run: Run) -> str:
+    """What the operator does where the tool ball leaves its nest, or a head the ball on the table."""
+    stands, held = _parts(run)
+    moved = held.split()[-1]
+    again = "seat it" if moved == "ball" else "bring it to the ball"
+    return f"{moved} leaves the {stands}; {again} again, do not move the {stands}"
 
 
 def _clock(seconds: float) -> str:
@@ -83,9 +100,7 @@ def _before(run: Run, row: int, post: Post, same: Sequence[int]) -> str:
     said = []
     if row in post.unsafe.get(run.id, ()) and "touch_probe" not in run.instrument:
         bar = run.length is not None
-        said.append(
-            "remove the bar, mount it again" if bar else "ball leaves the nest; seat it again, do not move the nest"
-        )
+        said.append("remove the bar, mount it again" if bar else _leaves(run))
     if run.spindle is not None and (row == 0 or run.spindle[row] != run.spindle[row - 1]):
         said.append(f"spindle turned to {run.spindle[row]:g}°")
     if row > same[0]:

@@ -23,7 +23,6 @@ from symfive.optimal import TINY, Cells, Cut, FirstCells, Layout, first_cells, s
 __all__ = ["Proved", "bounded_sensitivity"]
 
 MOST_CELLS, TOGETHER = 2_000_000, 5_000
-KINKED = "tool and post"
 
 
 @dataclass(frozen=True)
@@ -76,21 +75,21 @@ class _Setup(SensitivityFunction):
     def reachable(self, cells: Cells) -> _Reached:
         """What of the cells may hold a reachable pose."""
         n, d = cells.centres.shape
-        kinked = np.array([name == KINKED for name in self.space.limit_names], dtype=bool)
-        if kinked.all():
+        smooth = self.space.smooth_limits
+        if not smooth:
             return _Reached(np.full(n, True), np.full(n, True), Cut.nothing(n, d))
         limits = self.limits(cells.centres)
         lever, moved = self.lever() / UNIT_MM, cells.halves.sum(axis=1)[:, None]
         near = np.all(limits + lever * moved >= 0.0, axis=1)
         mixed = np.flatnonzero(near & np.any(limits < lever * moved, axis=1))  # of the others a limit settles nothing
-        slopes, part = self.limit_slopes(cells.centres[mixed]), limits[mixed]
+        kernel = self.space.smooth_kernel  # of the other limit nothing but its value is used
+        slopes, part = kernel.limit_slopes(cells.centres[mixed], self.given(len(mixed))), limits[mixed][:, smooth]
         across = np.einsum("nkg,nk->ng", np.abs(slopes), cells.halves[mixed])
-        most = part + np.where(kinked, np.inf, across + 0.5 * lever * moved[mixed] ** 2)
-        left = np.flatnonzero(np.all(most >= 0.0, axis=1))
-        deepest = np.argmin(np.where(kinked, np.inf, part[left] / np.maximum(across[left], TINY)), axis=1)
+        left = np.flatnonzero(np.all(part + across + 0.5 * lever * moved[mixed] ** 2 >= 0.0, axis=1))
+        deepest = np.argmin(part[left] / np.maximum(across[left], TINY), axis=1)
         near[mixed] = False
         mixed = mixed[left]
-        bent = self.limit_curvature(cells.centres[mixed], np.eye(len(kinked))[deepest])
+        bent = kernel.limit_curvature(cells.centres[mixed], self.given(len(mixed)), np.eye(len(smooth))[deepest])
         third = lever * moved[mixed] ** 2 / 6.0 * cells.halves[mixed]
         cut = Cut.nothing(n, d).with_rows(mixed, Cut(part[left, deepest], slopes[left, :, deepest], bent, third))
         near[mixed] = cut.take(mixed).most(cells.halves[mixed]) >= 0.0

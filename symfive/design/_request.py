@@ -17,13 +17,17 @@ from symfive.design._space import Space, make_space
 from symfive.errors import InputError
 from symfive.machine import Machine
 from symfive.optimal import Criterion, Task, criterion_of
+from symfive.validation import at_most, positive
 
-__all__ = ["Request", "check_counts", "check_robust", "interest_of", "refuse_unseen", "task_of", "with_bars"]
+__all__ = [
+    "Request", "check_counts", "check_minutes", "check_robust", "interest_of", "refuse_unseen", "task_of", "with_bars",
+]  # fmt: skip
 
 SEEN = 0.5
 """A parameter is seen by a plan where the posterior variance is below this share of its prior's."""
 LEAST = {"points": 2, "returns": 0}
 MOST = {"points": 10_000, "starts": 10_000, "repeats": 1000}
+DAY_MIN = 1440.0
 FRAMES = ("workpiece", "machine", "tool")
 ROBUST = ("nominal", "mean", "worst")
 BALL_MM = 12.7
@@ -67,6 +71,7 @@ class Request:
         counts = ("points", "setups", "repeats", "returns", "starts")
         check_counts(self.machine, {name: getattr(self, name) for name in counts})
         check_robust(self.robust)
+        check_minutes(self.minutes)
         if not (self.noise_um > 0.0 and math.isfinite(self.noise_um)):
             raise InputError(f"noise_um = {self.noise_um:g} is not positive", remedy="give the instrument's 1σ in µm")
         if self.frame not in FRAMES:
@@ -87,6 +92,13 @@ class Request:
         """Numbers of poses and of runs that fit into the time, for every number of runs. Raises `InputError` for none."""
         runs = self.setups or (3 if self.instrument == "ball_bar" else 2)
         return affordable(self.machine, self.minutes, self.points, runs, self.returns, self.repeats)
+
+
+def check_minutes(minutes: float | None) -> None:
+    """Refuse times that no plan has."""
+    if minutes is not None:
+        positive("plan", minutes=minutes)
+        at_most("plan", DAY_MIN, "min", "over a day no temperature, and no machine, stays the same", minutes=minutes)
 
 
 def check_robust(robust: str) -> None:

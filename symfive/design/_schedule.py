@@ -77,7 +77,8 @@ def scheduled(
     first pose of every run is read once more with the spindle turned by 180°; `known` keeps the runs that were laid out in
     the same way for other designs that have them."""
     known = {} if known is None else known
-    letter = {"r_test": "nest", "touch_probe": "sphere"}.get(space.instrument, "bar")
+    nest = "nest" if space.options.get("frame", "workpiece") == "workpiece" else "head"
+    letter = {"r_test": nest, "touch_probe": "sphere"}.get(space.instrument, "bar")
     runs = []
     for g in range(rows.groups):
         z, k = rows.z[rows.group == g], rows.k[rows.group == g]

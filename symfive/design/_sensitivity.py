@@ -50,7 +50,7 @@ class SensitivityFunction:
         n = len(poses)
         return np.concatenate([poses, np.tile(self.setup, (n, 1))], axis=1), np.tile(self.k, (n, 1))
 
-    def _given(self, n: int) -> Array:
+    def given(self, n: int) -> Array:
         """What is not decided for n poses, as `pose_kernel` takes it."""
         return np.tile(np.concatenate([self.setup, self.k]), (n, 1))
 
@@ -67,7 +67,7 @@ class SensitivityFunction:
     def taylor(self, poses: Array) -> tuple[Array, Array, Array]:
         """φ (n,), its slopes (n, d) and second derivatives (n, d, d)."""
         n, d = poses.shape
-        kernel, k = self.space.pose_kernel, self._given(n)
+        kernel, k = self.space.pose_kernel, self.given(n)
         rows, slopes = kernel.slopes(poses, k)
         seen = self._seen(rows).reshape(n, -1)
         moved = self._seen(slopes).reshape(n, d, -1)
@@ -83,11 +83,7 @@ class SensitivityFunction:
 
     def limit_slopes(self, poses: Array) -> Array:
         """Their derivatives (n, d, ng)."""
-        return self.space.pose_kernel.limit_slopes(poses, self._given(len(poses)))
-
-    def limit_curvature(self, poses: Array, multipliers: Array) -> Array:
-        """Second derivatives (n, d, d) of ⟨multipliers, limits⟩."""
-        return self.space.pose_kernel.limit_curvature(poses, self._given(len(poses)), multipliers)
+        return self.space.pose_kernel.limit_slopes(poses, self.given(len(poses)))
 
 
 def sensitivity_function(

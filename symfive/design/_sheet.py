@@ -86,7 +86,7 @@ def _stays(sheet: Sheet, run: Run) -> bool:
 
 def _run(sheet: Sheet, nominal: Nominal, run: Run) -> dict[str, Any]:
     """What the page shows of a run."""
-    stands = next((i.stands for i in instruments_of(run) if i.stands), "")
+    stands = next((i.on_table(run) for i in instruments_of(run) if i.stands), "")
     return {
         "id": run.id, "rows": run.rows, "minutes": f"{_minutes(sheet, run):.0f}", "steps": _steps(sheet, run, stands),
         "places": _ball_positions(nominal, run, stands) if stands and not _stays(sheet, run) else None,
@@ -107,8 +107,8 @@ def _steps(sheet: Sheet, run: Run, stands: str) -> list[str]:
         steps.append(f"The same mounting as for run {again.id}: {what}.")
     if stands and not stays:
         steps += _place(run, stands)
-        end = "Reading head" if "grid_encoder" in run.instrument else "Tool ball"
-        steps.append(f"{end} at {-run.tool_ball[2]:.0f} mm below the spindle nose.")
+        held = next(i.in_spindle(run) for i in instruments_of(run) if i.stands)
+        steps.append(f"{held[0].upper()}{held[1:]} at {-run.tool_ball[2]:.0f} mm below the spindle nose.")
     if stands and again is None and (before := _same_tool(sheet.campaign, run)) is not None:
         anew = "Calibrate it again" if "touch_probe" in run.instrument else "Take it out of the spindle and put it back"
         steps.append(
@@ -144,11 +144,11 @@ def _place(run: Run, stands: str) -> list[str]:
     """Where the ball or nest stands on the table, and how well this has to be known."""
     x, y, z = (f"{v:.1f}".removesuffix(".0") for v in run.table_ball)
     there = f"Mount the {stands} at x = {x}, y = {y}, z = {z} mm of the workpiece frame"
-    sigma = next(i.place_sigma(run) for i in instruments_of(run) if i.stands)
+    sigma, held = next((i.place_sigma(run), i.in_spindle(run)) for i in instruments_of(run) if i.stands)
     if sigma is None:
         return [f"{there}, within 1 mm: the readings determine its exact place."]
     return [
-        f"{there}: drive the tool ball there and lock the {stands} under it.",
+        f"{there}: drive the {held} there and lock the {stands} under it.",
         f"The evaluation takes this place as known to {plain_number(sigma)} µm (1σ). If it stands elsewhere, by up to 1 mm, "
         f"write where into table_ball of run {run.id} in campaign.toml; if you know it less well, write so into setup_sigma_um.",
     ]
@@ -159,13 +159,19 @@ def _start(sheet: Sheet, run: Run) -> list[str]:
     if "r_test" in run.instrument:
         record = ["Start the recording there, then let the program go on."] if run.dynamic else []
         zeroed = all(instrument.zeroed(run) for instrument in instruments_of(run))
+        ((stands, held),) = ((i.on_table(run), i.in_spindle(run)) for i in instruments_of(run) if i.name == "r_test")
+        moved = held.split()[-1]
+        there = "you seat the ball" if moved == "ball" else "you bring it to the ball"
         return [
-            f"Nest and tool ball are mounted before the program of run {run.id} starts. It stops with the ball away from the "
-            f"nest, and again where you seat the ball{' and set its readings to zero' if zeroed else ''}.",
+            f"{stands[0].upper()}{stands[1:]} and {held} are mounted before the program of run {run.id} starts. It stops with "
+            f"the {moved} away from the {stands}, and again where {there}"
+            f"{' and set its readings to zero' if zeroed else ''}.",
             *(
                 []
                 if zeroed
-                else ["Readings are zero with the ball at the nest's known place; do not set them to zero."]
+                else [
+                    f"Readings are zero with the {moved} at the known place of the {stands}; do not set them to zero."
+                ]
             ),
             *record,
             _signs(run),
@@ -261,8 +267,7 @@ def _expected(assessment: Assessment) -> dict[str, Any]:
 def _unchecked(sheet: Sheet) -> str:
     """The warning where collisions could not be looked for."""
     campaign = sheet.campaign
-    recorded = any(run.dynamic for run in campaign.runs)
-    words = " ".join(collision_warning(campaign.machine, sheet.post, recorded=recorded))
+    words = " ".join(collision_warning(campaign.machine, sheet.post, campaign.runs))
     return f"{words} {DRY_RUN}" if words.startswith(UNCHECKED) else ""
 
 
@@ -276,8 +281,7 @@ def _clearances(sheet: Sheet) -> str:
         f"{name} {'a line' if radius is None else f'of radius {radius:g} mm'}"
         for name, radius in (("post", workspace.post_radius), ("tool", workspace.tool_radius))
     )
-    recorded = any(run.dynamic for run in sheet.campaign.runs)
-    untested = " ".join(collision_warning(sheet.campaign.machine, post, recorded=recorded)[1:])
+    untested = " ".join(collision_warning(sheet.campaign.machine, post, sheet.campaign.runs)[1:])
     return (
         f"Spindle nose as a cylinder ({words}), {thick}, table and bar keep apart at every pose and on every move of the "
         f"programs from above the first pose to above the last. {untested} {DRY_RUN}"

@@ -47,6 +47,8 @@ LEAST_VOLUME = 0.1
 """Where a rotary axis turns linear axes against each other: they keep at least so far from lying in one plane (a sine, 6°);
 nearer, any of many positions of the axes would do for a pose."""
 PARALLEL = "linear axes in one plane"
+KINKED = "tool and post"
+"""The one limit that is no sum of places: a distance of two bodies, whose derivatives are nine tenths of all limits'."""
 SAME_VOLUME = 1e-9
 SIGMAS_IN_RANGE = 3.0
 MOST_PROBE_TILT_DEG = 50.0
@@ -85,6 +87,16 @@ class Space:
     def pose_kernel(self) -> Kernel:
         """The kernel with derivatives in the pose alone; its constants are the set-up's variables and `k`."""
         return self.kernel.of_first(self.poses)
+
+    @property
+    def smooth_limits(self) -> list[int]:
+        """Numbers of the limits without kinks."""
+        return [i for i, name in enumerate(self.limit_names) if name != KINKED]
+
+    @cached_property
+    def smooth_kernel(self) -> Kernel:
+        """The pose kernel with these limits alone."""
+        return self.pose_kernel.limited_to(self.smooth_limits)
 
     def commands(self, z: Array, k: Array) -> dict[str, Array]:
         """Commands of every axis, mm and degree."""
@@ -325,7 +337,7 @@ def _limits(machine: Machine, instrument: str, geometry: _Geometry, k: Any) -> t
         if instrument == "ball_bar":
             limits.append(angle_clearance(workspace, axis, -geometry.bar, k[0]))
             limits.append(post_clearance(workspace, geometry.table_ball, place, axis) / UNIT_MM)
-            names += ["spindle nose and bar", "tool and post"]
+            names += ["spindle nose and bar", KINKED]
         elif nose_may_reach_post(workspace):
             down = ca.DM([0.0, 0.0, -1.0])
             limits.append(angle_clearance(workspace, axis, down, place[2], workspace.post_radius or 0.0))

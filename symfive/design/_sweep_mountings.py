@@ -24,8 +24,9 @@ from symfive.design._sweep_search import draw
 from symfive.design._sweeps import Sweeps
 from symfive.inference import Noise
 from symfive.optimal import Task
+from symfive.screen import plural
 
-__all__ = ["mountings_that_pay"]
+__all__ = ["MOST", "mountings_that_pay"]
 
 MOST = 4
 """Mountings at most where nobody says how many."""
@@ -37,14 +38,15 @@ SAMPLE, TRIES = 60, 600
 
 def mountings_that_pay(
     space: Space, task: Task, goal: Goal, noise: Noise, rate_hz: float, poses: int, speeds: tuple[float, ...],
-    seconds: Callable[[int], float], most: int | None,
+    seconds: Callable[[int], float], most: int, progress: Callable[[str], None],
 ) -> list[tuple[float, list[tuple[Sweeps, Array]]]]:  # fmt: skip
     """One mounting, two and more, `most` at most, as long as ψ falls: this ψ and, each for a recording of `seconds(count)`, the
     mountings with what this tells of the shared parameters (k, k). `poses` at rest are compared. Raises `InputError` where no
     sweep is possible."""
     found: list[tuple[float, list[tuple[Sweeps, Array]]]] = []
     value = math.inf
-    for count in itertools.takewhile(lambda count: seconds(count) > 0.0, range(1, 1 + (most or MOST))):
+    for count in itertools.takewhile(lambda count: seconds(count) > 0.0, range(1, 1 + most)):
+        progress(f"comparing {plural(count, 'mounting')}")
         setups, lengths = best_setups(space, task, count, READINGS, pose_grid(space, poses))
         tried = [
             Sweeps(space, setup, float(length), noise, rate_hz)

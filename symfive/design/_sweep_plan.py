@@ -25,11 +25,11 @@ from symfive.design._assessment_data import assessment_data, six_digits
 from symfive.design._candidates import candidates_in, pose_grid
 from symfive.design._circles import Goal
 from symfive.design._optimal_weights import together
-from symfive.design._request import check_counts, interest_of, task_of, with_bars
+from symfive.design._request import check_counts, check_minutes, interest_of, task_of, with_bars
 from symfive.design._schedule import SETUP_S
 from symfive.design._space import Space, make_space
 from symfive.design._sweep_certificate import SweepCertificate, bound_of, certified
-from symfive.design._sweep_mountings import mountings_that_pay
+from symfive.design._sweep_mountings import MOST, mountings_that_pay
 from symfive.design._sweep_recordings import Recording
 from symfive.design._sweeps import (
     DELAY_MS,
@@ -52,7 +52,7 @@ from symfive.nc import Post
 from symfive.optimal import Task, relax
 from symfive.outputs import output_folder
 from symfive.procedures import DWELL_S, campaign_of
-from symfive.screen import OnScreen, listed
+from symfive.screen import OnScreen, listed, plural
 from symfive.threads import one_thread
 
 __all__ = ["SweepPlan", "plan_sweeps"]
@@ -72,6 +72,8 @@ INSTRUMENTS = {"r_test": _Kind("R-test", 200, 0), "ball_bar": _Kind("ball bar", 
 SPEEDS = (5.0, 10.0, 20.0)
 SLOWEST = 0.1
 ROUNDS = 2
+LONGEST_S = 3600.0
+"""Of one recording: a plan in motion goes back to no first position, so drift (ISO 230-3 tests it over an hour) is not seen."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -166,6 +168,7 @@ def plan_sweeps(
     for_: Iterable[str] = (), given: Campaign | Path | str | None = None, setups: int | None = None,
     lengths: Sequence[float] = (), speeds: Sequence[float] = SPEEDS, noise_um: float = 0.3, coloured_um: float | None = None,
     correlation_s: float = SLOW_S, rate_hz: float = 50.0, setup_sigma: SetupSigma | None = None, certify: bool = True,
+    progress: Callable[[str], None] = lambda message: None,
 ) -> SweepPlan:  # fmt: skip
     """The most informative sweeps of the rotary axes, and of a `ball_bar`'s direction, in `minutes`, 5 min for every mounting
     included, and their certificate.
@@ -174,8 +177,8 @@ def plan_sweeps(
     `coloured_um` (default: as large) and `correlation_s` those of the slow one; `for_` the errors that count (default: all);
     `given` a campaign already measured on this machine; `setups` at most so many mountings (default: as many as pay); `lengths`
     the bars that the user owns, mm (default: the machine file's); `setup_sigma` as in `plan`; `certify` compares the recordings
-    with a dense set of sweeps. Lag of the drives and the delay of every recording are nuisance parameters. Raises `InputError`
-    where nothing can be planned.
+    with a dense set of sweeps. A recording lasts an hour at most. Lag of the drives and the delay of every recording are nuisance
+    parameters. Raises `InputError` where nothing can be planned.
     """
     machine, noise = with_bars(machine_given(machine), lengths), recording_noise(noise_um, coloured_um, correlation_s)
     if instrument not in INSTRUMENTS:
@@ -184,17 +187,20 @@ def plan_sweeps(
         problem = f"a speed of the sweeps is below {SLOWEST:g} °/s, at which a turn takes an hour"
         raise InputError(problem, remedy="give speeds in degree/s, as 10")
     check_counts(machine, {"setups": setups})
-    seconds, speeds = _seconds_in(minutes, SHORTEST * correlation_s), tuple(sorted(speeds))
+    check_minutes(minutes)
+    seconds = _seconds_in(minutes, SHORTEST * correlation_s, setups or MOST)
+    speeds = tuple(sorted(speeds))
     space = make_space(machine, instrument, noise_um=noise_um, setup_sigma=setup_sigma)
     before = None if given is None else _given(given, machine)
     task, goal = _asked(space, criterion, tuple(for_), before, noise)
-    recordings = _searched(space, task, goal, noise, rate_hz, speeds, seconds, setups)
+    recordings = _searched(space, task, goal, noise, rate_hz, speeds, seconds, setups, progress)
     mounted = [recording.sweeps for recording in recordings]
     apart = len(recordings) > 1 or before is not None
     found = [recording.sweeps.recorded(recording.stops, recording.speed) for recording in recordings]
     runs = tuple(_named(run, i, len(found), apart) for i, (run, _) in enumerate(found))
     totals, whole = [total for _, total in found], sum(run.duration for run in runs)
     value = together([sweeps.shared for sweeps in mounted], goal, totals)[0].psi(totals[0])
+    progress("computing the certificate")
     certificate = certified(mounted, goal, value, whole, speeds) if certify else None
     campaign, effects = campaign_of(machine, runs, "sweeps"), nuisances(machine, delay=not apart)
     return SweepPlan(
@@ -211,17 +217,25 @@ def _named(run: Run, i: int, count: int, apart: bool) -> Run:
     return replace(run, id=name, file=f"{name}.csv", clock_sigma_ms=DELAY_MS if apart else 0.0)
 
 
-def _seconds_in(minutes: float, least: float) -> Callable[[int], float]:
-    """Seconds that so many mountings leave each recording, 0 where two sweeps do not fit. Raises `InputError` for one."""
+def _seconds_in(minutes: float, least: float, most: int) -> Callable[[int], float]:
+    """Seconds that so many mountings, `most` of them, leave each recording, an hour at most and 0 where two sweeps do not fit.
+    Raises `InputError` where one has no time, or all together have more."""
 
     def seconds(count: int) -> float:
-        left = 60.0 * minutes / count - SETUP_S - DWELL_S
+        left = min(60.0 * minutes / count - SETUP_S - DWELL_S, LONGEST_S)
         return left if left >= 2.0 * least else 0.0
 
     if not seconds(1):
         raise InputError(
             f"{minutes:g} min leave no time beside the mounting, {SETUP_S / 60.0:g} min", remedy="give more minutes"
         )
+    hours = most * (SETUP_S + DWELL_S + LONGEST_S) / 60.0
+    if minutes > hours:
+        problem = (
+            f"{minutes:g} min are more than {plural(most, 'recording')} can use: one lasts an hour at most, since sweeps do not "
+            "go back to a first position and so do not show drift"
+        )
+        raise InputError(problem, remedy=f"give at most {math.floor(hours)} minutes, or more setups")
     return seconds
 
 
@@ -257,7 +271,7 @@ def _asked(
 
 def _searched(
     space: Space, task: Task, goal: Goal, noise: Noise, rate_hz: float, speeds: tuple[float, ...],
-    seconds: Callable[[int], float], most: int | None,
+    seconds: Callable[[int], float], most: int | None, progress: Callable[[str], None],
 ) -> list[Recording]:  # fmt: skip
     """The recordings in the best mountings: as many as pay by optimal seconds, or fewer as long as these lose less by it than
     whole sweeps had lost with more. Raises `InputError` where no sweep is possible."""
@@ -266,11 +280,11 @@ def _searched(
     value = price = math.inf
     before = -math.inf
     for optimal, mountings in reversed(
-        mountings_that_pay(space, task, goal, noise, rate_hz, poses, speeds, seconds, most)
+        mountings_that_pay(space, task, goal, noise, rate_hz, poses, speeds, seconds, most or MOST, progress)
     ):
         if best and optimal - before >= price:
             break
-        recordings, reached = _recorded(mountings, goal, speeds, seconds(len(mountings)))
+        recordings, reached = _recorded(mountings, goal, speeds, seconds(len(mountings)), progress)
         if reached < value:
             value, best = reached, recordings
         whole = len(mountings) * seconds(len(mountings))
@@ -279,14 +293,19 @@ def _searched(
 
 
 def _recorded(
-    mountings: Sequence[tuple[Sweeps, Array]], goal: Goal, speeds: tuple[float, ...], seconds: float
+    mountings: Sequence[tuple[Sweeps, Array]],
+    goal: Goal,
+    speeds: tuple[float, ...],
+    seconds: float,
+    progress: Callable[[str], None],
 ) -> tuple[list[Recording], float]:
     """A recording of so many seconds in each mounting, each searched with what the others tell, and ψ of all."""
     told = [mine for _, mine in mountings]
     recordings = [
         Recording(sweeps, goal, speeds, seconds, INSTRUMENTS[sweeps.space.instrument].drawn) for sweeps, _ in mountings
     ]
-    for _, i in itertools.product(range(ROUNDS), range(len(recordings))):
+    for turn, i in itertools.product(range(ROUNDS), range(len(recordings))):
+        progress(f"{seconds / 60.0:.0f} min, recording {i + 1} of {len(recordings)}: round {turn + 1} of {ROUNDS}")
         others = sum(told[:i]) + sum(told[i + 1 :])
         told[i] = recordings[i].improve(replace(goal, known=goal.known + others), seconds)
     return recordings, goal.psi(sum(told, np.zeros_like(told[0])))

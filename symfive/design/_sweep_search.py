@@ -10,12 +10,13 @@ from __future__ import annotations
 
 import itertools
 import math
+import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from symfive.arrays import Array, Flags
+from symfive.arrays import Array, Flags, Indices
 from symfive.design._circles import Goal
 from symfive.design._sweeps import Sweep, Sweeps
 
@@ -108,44 +109,43 @@ class _Way:
         """ψ if the recording were repeated for so many seconds."""
         return self.goal.psi(self.total * (seconds / self.seconds))
 
-    def changed(self, first: int, last: int, between: Sequence[int]) -> _Way:
-        """Another way: `between` takes the place of the positions from number `first` up to `last`, without it."""
-        return _Way(self.grid, self.goal, [*self.way[:first], *between, *self.way[last:]])
+    def changed(self, change: int) -> _Way:
+        """The way after a change, by its number."""
+        size = len(self.grid.positions) + 1
+        place, kind = divmod(change, 2 * size)
+        wide, position = divmod(kind, size)
+        between = [position] if position < size - 1 else []
+        return _Way(self.grid, self.goal, [*self.way[:place], *between, *self.way[place + wide :]])
 
-    def changes(
-        self, pull: Array, room: float, *, grow: bool
-    ) -> Iterator[tuple[float, float, tuple[int, int, list[int]]]]:
-        """First-order gain, seconds and change: a position put in anywhere and, unless the way has only to `grow`, put in the
-        place of another or left out."""
+    def changes(self, pull: Array, room: float, *, grow: bool) -> tuple[Array, Array, Indices]:
+        """First-order gain, seconds and number of every change that takes at most `room` seconds (m,): a position put in anywhere
+        and, unless the way has only to `grow`, put in the place of another or left out."""
+        tables = [np.pad(table, (0, 1)) for table in (np.tensordot(self.grid.matrices, pull, 2), self.grid.seconds)]
+        size = len(tables[0])
+        won, cost = np.zeros((2, len(self.way) + 1, 2, size))
+        cost[:] = math.inf
+        for wide in (0,) if grow else (0, 1):
+            places = slice(len(self.way) + 1 - wide)
+            won[places, wide], cost[places, wide] = self._between(tables, wide)
+        fits = np.flatnonzero(cost <= min(room, sys.float_info.max))
+        return won.ravel()[fits], cost.ravel()[fits], fits
+
+    def _between(self, tables: Sequence[Array], wide: int) -> tuple[Array, Array]:
+        """What it gains and takes to put each position, or none (last column), between two neighbours of the way or, if `wide`,
+        in the place of the one between them; infinite seconds where that is not possible. The last position of the `tables` is
+        beside the way: from it and to it nothing is gained and takes no time."""
         n = len(self.grid.positions)
-        gain = np.tensordot(self.grid.matrices, pull, 2)
-        seconds, none = self.grid.seconds, np.zeros(n)
-        for place in range(len(self.way) + 1):
-            for wide in (0,) if grow else (0, 1):
-                last = place + wide
-                if last > len(self.way):
-                    continue
-                old = list(itertools.pairwise(self.way[max(place - 1, 0) : last + 1]))
-                a = self.way[place - 1] if place else None
-                b = self.way[last] if last < len(self.way) else None
-                cost = (none if a is None else seconds[a]) + (none if b is None else seconds[:, b])
-                won = (none if a is None else gain[a]) + (none if b is None else gain[:, b])
-                cost = cost - sum(seconds[pair] for pair in old)
-                won = won - sum(gain[pair] for pair in old)
-                ends = self.grid.ends if a is None or b is None else np.ones(n, dtype=bool)
-                for j in np.flatnonzero(ends & np.isfinite(cost) & (cost <= room)):
-                    yield float(won[j]), float(cost[j]), (place, last, [int(j)])
-                if wide and self._short(a, b) and len(self.way) > 2:
-                    joined = (0.0, 0.0) if a is None or b is None else (seconds[a, b], gain[a, b])
-                    less = joined[0] - sum(seconds[pair] for pair in old)
-                    if math.isfinite(less) and less <= room:
-                        yield float(joined[1] - sum(gain[pair] for pair in old)), float(less), (place, last, [])
-
-    def _short(self, a: int | None, b: int | None) -> bool:
-        """Whether the position between two may be left out."""
-        if a is None or b is None:
-            return bool(self.grid.ends[a if b is None else b])
-        return a != b
+        way = np.array([n, *self.way, n])
+        before, after = way[: len(way) - 1 - wide], way[1 + wide :]
+        ends, inner = np.append(self.grid.ends, False), (before < n) & (after < n)
+        left_out = (before != after) & (inner | ends[before] | ends[after]) & (wide == 1) & (len(self.way) > 2)
+        possible = np.concatenate([self.grid.ends | inner[:, None], left_out[:, None]], axis=1)
+        won, cost = (
+            np.concatenate([table[before, :n] + table[:n, after].T, table[before, after][:, None]], axis=1)
+            - (table[before, way[1:-1]] + table[way[1:-1], after] if wide else table[before, after])[:, None]
+            for table in tables
+        )
+        return won, np.where(possible, cost, math.inf)
 
 
 def best_way(grid: Grid, goal: Goal, seconds: float, start: Sequence[int] = ()) -> list[int]:
@@ -171,8 +171,8 @@ def _grown(way: _Way, seconds: float) -> _Way:
     while True:
         pull = way.goal.pull(way.total * (seconds / way.seconds))
         mean = float(np.sum(pull * way.total)) / way.seconds
-        found = sorted(way.changes(pull, seconds - way.seconds, grow=True), key=lambda c: c[1] * mean - c[0])
-        tried = [way.changed(*change) for *_, change in found[:EXACT]]
+        won, cost, changes = way.changes(pull, seconds - way.seconds, grow=True)
+        tried = [way.changed(change) for change in _first_of(changes, cost * mean - won)]
         if not tried:
             return way
         way = min(tried, key=lambda other: other.rate(seconds))
@@ -182,10 +182,16 @@ def _exchanged(way: _Way, seconds: float) -> _Way:
     """Positions exchanged, put in and left out until ψ falls no more."""
     while True:
         now, pull = way, way.goal.pull(way.total)
-        found = sorted(now.changes(pull, seconds - now.seconds, grow=False), key=lambda c: -c[0])
-        way = min([now, *(now.changed(*change) for *_, change in found[:EXACT])], key=lambda other: other.value)
+        won, _, changes = now.changes(pull, seconds - now.seconds, grow=False)
+        way = min([now, *map(now.changed, _first_of(changes, -won))], key=lambda other: other.value)
         if way.value > now.value - LEAST_GAIN:
             return now
+
+
+def _first_of(changes: Indices, key: Array) -> list[int]:
+    """The changes that are computed: those of the lowest key."""
+    found: list[int] = changes[np.argsort(key, kind="stable")[:EXACT]].tolist()
+    return found
 
 
 def _first(grid: Grid, goal: Goal, seconds: float) -> Sequence[int]:

@@ -27,6 +27,7 @@ from symfive.design._joint_certificate import (
 )
 from symfive.design._minutes import GAP, Mix
 from symfive.design._plan import Plan, plan
+from symfive.design._request import check_minutes
 from symfive.design._schedule import SETUP_S
 from symfive.design._write import SCHEMA, driven, write_joint
 from symfive.errors import InputError
@@ -138,6 +139,7 @@ def plan_together(
     Raises `InputError` where no instrument can be used or the minutes are too short for one mounting.
     """
     machine = machine_given(machine)
+    check_minutes(minutes)
     if unknown := next((name for name in instruments if name not in INSTRUMENTS), None):
         raise InputError(f'there is no instrument "{unknown}" to plan with', remedy=f"use {', '.join(INSTRUMENTS)}")
     earlier = None if given is None else campaign_given(given)

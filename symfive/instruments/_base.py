@@ -41,6 +41,8 @@ class Instrument:
     every reading counts the same, and the uncertainty allows for the residual's correlation as it is."""
     stands: ClassVar[str] = ""
     """What the set-up sheet has mounted on the table at `table_ball`; nothing where it names no place."""
+    held: ClassVar[str] = "tool ball"
+    """What the spindle holds at `tool_ball`."""
     on_a_post: ClassVar[bool] = False
     """Whether that is a ball or a nest on a post, which is drawn."""
     seated: ClassVar[str] = "BALL"
@@ -70,6 +72,14 @@ class Instrument:
     def signals(self, run: Run, machine: Machine) -> tuple[Signal, ...]:
         """Signals it reads beside the axis positions."""
         return ()
+
+    def on_table(self, run: Run) -> str:
+        """What stands on the table in a run: `stands`, or another word for what its options say."""
+        return self.stands
+
+    def in_spindle(self, run: Run) -> str:
+        """What the spindle holds in a run: `held`, or another word."""
+        return self.held
 
     def place_sigma(self, run: Run) -> float | None:
         """1σ with which its place on the table is taken as known, µm; None where the readings determine it."""

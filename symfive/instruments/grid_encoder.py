@@ -26,6 +26,7 @@ class GridEncoder(Instrument):
 
     name = "grid_encoder"
     stands = "middle of the grid plate"
+    held = "reading head"
     seated = "READING HEAD"
     ball_drawn = True
     imported = (("du", "um", "um"), ("dv", "um", "um"))

@@ -16,6 +16,11 @@ if TYPE_CHECKING:
     from symfive.runs import Run
 
 
+def _in_head(run: Run) -> bool:
+    """Whether the sensors are those of a head in the spindle, which reads a ball on the table."""
+    return bool(run.options.get("frame", "workpiece") != "workpiece")
+
+
 class RTest(BallInstrument):
     """`R·(d - table_ball)` in µm along the sensors; nuisances: the tool ball and one zero per sensor.
 
@@ -47,6 +52,12 @@ class RTest(BallInstrument):
         table = setup_vector(run, "table_ball", sigma.table_ball) if frame != "workpiece" else ()
         tool = setup_vector(run, "tool_ball", sigma.tool) if frame != "tool" else ()
         return (*table, *tool, *zeros)
+
+    def on_table(self, run: Run) -> str:
+        return "table ball" if _in_head(run) else self.stands
+
+    def in_spindle(self, run: Run) -> str:
+        return "R-test head" if _in_head(run) else self.held
 
     def place_sigma(self, run: Run) -> float | None:
         sigma = run.setup_sigma_um

@@ -19,7 +19,7 @@ import casadi as ca
 
 from symfive.machine import Axis, Machine, Structure
 
-__all__ = ["Pose", "angles", "axis_pose", "ball_in_workpiece", "chain_poses", "first_order"]
+__all__ = ["Chain", "Pose", "angles", "axis_pose", "ball_in_workpiece", "chain_of", "chain_poses", "first_order"]
 
 Symbol = Any
 """A CasADi SX expression (CasADi carries no types)."""
@@ -107,18 +107,35 @@ def chain_poses(
     machine: Machine, position: Mapping[str, Symbol], location: Mapping[str, Symbol], motion: Mapping[str, Symbol]
 ) -> tuple[Pose, Pose]:
     """(W, T): the workpiece and the tool in the machine frame."""
-    names = machine.structure.axes
+    return chain_of(machine).poses(position, location, motion)
 
-    def column(pattern: str, source: Mapping[str, Symbol]) -> Symbol:
-        return ca.vertcat(*(source.get(pattern.format(letter, name), 0.0) for name in names for letter in LETTERS))
 
-    chain = _chain(machine.structure, tuple(_Joint.of(machine.axes[name]) for name in names))
-    parts = chain(
-        ca.SX(ca.vertcat(*(position[name] for name in names))),
-        ca.SX(column("E{}0{}", location)),
-        ca.SX(column("E{}{}", motion)),
-    )
-    return Pose(*parts[:2]), Pose(*parts[2:])
+def chain_of(machine: Machine) -> Chain:
+    """The chain of a machine: machines that differ in anything else have the same one."""
+    return Chain(machine.structure, tuple(_Joint.of(machine.axes[name]) for name in machine.structure.axes))
+
+
+class Chain(NamedTuple):
+    """All that decides the kinematics of a machine without errors, to keep by what was made of it."""
+
+    structure: Structure
+    axes: tuple[_Joint, ...]
+
+    def poses(
+        self, position: Mapping[str, Symbol], location: Mapping[str, Symbol], motion: Mapping[str, Symbol]
+    ) -> tuple[Pose, Pose]:
+        """As `chain_poses`."""
+        names = self.structure.axes
+
+        def column(pattern: str, source: Mapping[str, Symbol]) -> Symbol:
+            return ca.vertcat(*(source.get(pattern.format(letter, name), 0.0) for name in names for letter in LETTERS))
+
+        parts = _chain(*self)(
+            ca.SX(ca.vertcat(*(position[name] for name in names))),
+            ca.SX(column("E{}0{}", location)),
+            ca.SX(column("E{}{}", motion)),
+        )
+        return Pose(*parts[:2]), Pose(*parts[2:])
 
 
 @lru_cache(maxsize=64)

@@ -62,7 +62,7 @@ def _text(machine: Machine, run: Run, dialect: Dialect, steps: Sequence[Step], p
     head = (
         f"symfive for {dialect.name}, {dialect.verified}",
         f"read it and dry-run it {'' if run.dynamic else 'slowly '}without the instrument first",
-        *collision_warning(machine, post, recorded=run.dynamic),
+        *collision_warning(machine, post, (run,)),
         which_point(machine, run, post),
         dialect.datum,
         _first(dialect, machine, post),

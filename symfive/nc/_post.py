@@ -8,11 +8,14 @@ from dataclasses import dataclass, field, replace
 from symfive.errors import InputError
 from symfive.nc._base import Dialect
 from symfive.nc._route import Way
+from symfive.validation import at_most, positive
 
 RETRACT_MM = 50.0
 DWELL_S = 2.0
 READ_S = 10.0
 """Time that a stop takes at which the operator reads."""
+HOUR_S, MACHINE_MM, ARTEFACT_MM = 3600.0, 1e5, 1e3
+"""Longest rest at a pose, what no travel of a machine tool exceeds, and no radius of a sphere or tip."""
 AT_POSE = ("dwell", "stop", "trigger")
 
 
@@ -55,6 +58,11 @@ class Post:
     tested: bool = False
 
     def __post_init__(self) -> None:
+        positive("programs", dwell_s=self.dwell_s, sphere_radius=self.sphere_radius, tip_radius=self.tip_radius)
+        at_most("programs", HOUR_S, "s", "in an hour a machine drifts by more than it settles", dwell_s=self.dwell_s)
+        at_most("programs", MACHINE_MM, "mm", "no machine tool is larger than 100 m", machine_top=self.machine_top)
+        radii = {"sphere_radius": self.sphere_radius, "tip_radius": self.tip_radius}
+        at_most("programs", ARTEFACT_MM, "mm", "no sphere or tip of a touch probe is larger", **radii)
         if self.at_pose not in AT_POSE:
             raise InputError(f'at_pose = "{self.at_pose}" is unknown', remedy=f"use one of {', '.join(AT_POSE)}")
         if (self.at_pose == "trigger") != bool(self.trigger.strip()):

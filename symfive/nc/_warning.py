@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from symfive.campaign import Run
+from symfive.instruments import instruments_of
 from symfive.machine import Machine
 from symfive.nc._arc import circle_of
 from symfive.nc._post import Post
@@ -17,28 +20,31 @@ TESTED = (
 )
 
 
-def collision_warning(machine: Machine, post: Post, *, recorded: bool = False) -> tuple[str, ...]:
-    """Sentences for the head of a program and for the set-up sheet; `recorded`: of runs whose feed is part of the result."""
+def collision_warning(machine: Machine, post: Post, runs: Sequence[Run]) -> tuple[str, ...]:
+    """Sentences for the head of a program of some runs and for the set-up sheet."""
+    recorded = any(run.dynamic for run in runs)
     care = RECORDED if recorded else CARE
     if machine.workspace.spindle_nose is None:
         return f"{UNCHECKED}: the machine file names no spindle nose.", care
     if not post.tested:
         return f"{UNCHECKED} for the path of this program.", care
-    return TESTED, f"Not tested: {', '.join(_untested(machine))}.", *((RECORDED,) if recorded else ())
+    return TESTED, f"Not tested: {', '.join(_untested(machine, runs))}.", *((RECORDED,) if recorded else ())
 
 
-def _untested(machine: Machine) -> list[str]:
+def _untested(machine: Machine, runs: Sequence[Run]) -> list[str]:
     """Bodies that the tests do not know, and moves whose beginning nobody knows."""
     below = [name for name in machine.structure.workpiece if machine.axes[name].rotary]
     above = [name for name in machine.structure.tool if machine.axes[name].rotary]
     cradle = [f"cradle and drives of {', '.join(below)}"] if below else []
     head = [f"the head of {', '.join(above)} above the spindle nose"] if above else []
+    held = {instrument.in_spindle(run) for run in runs for instrument in instruments_of(run)}
+    sensors = next((word for word in held if word.endswith("head")), "nest")
     return [
         *cradle,
         *head,
         "clamps",
         "cables",
-        "sensors of the nest",
+        f"sensors of the {sensors}",
         "covers",
         "the first moves from the start position",
     ]

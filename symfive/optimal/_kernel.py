@@ -37,6 +37,10 @@ class Kernel:
         """The same with only the first `count` of `z` decided; the others come before `k`."""
         return Kernel(self._z[:count], ca.vertcat(self._z[count:], self._k), self._matrix, self._bound)
 
+    def limited_to(self, which: Sequence[int]) -> Kernel:
+        """The same with some of the limits, by their numbers."""
+        return Kernel(self._z, self._k, self._matrix, self._bound[list(which)])
+
     def _mapped(self, name: str, result: Sequence[Any], *more: Any) -> Mapped:
         return Mapped(
             ca.Function(name, [self._z, self._k, *more], [ca.densify(part) for part in result], {"cse": True})

@@ -4,7 +4,7 @@ stand."""
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from functools import cached_property
+from functools import lru_cache
 from typing import Any
 
 import casadi as ca
@@ -13,7 +13,7 @@ import numpy as np
 from symfive.arrays import Array
 from symfive.compiled import Mapped
 from symfive.errors import InputError
-from symfive.kinematics import Pose, axis_pose, chain_poses
+from symfive.kinematics import Chain, Pose, axis_pose, chain_of
 from symfive.machine import Axis, Machine
 
 Commands = dict[str, Array]
@@ -47,30 +47,40 @@ def _shortest(slopes: Array, wanted: Array) -> Array:
     return change
 
 
+def _poses(chain: Chain, units: tuple[float, ...]) -> tuple[Any, Pose, Pose]:
+    """Commands as symbols, file units, and the poses of workpiece and tool."""
+    q = ca.SX.sym("q", len(units))
+    position = {name: unit * q[i] for i, (name, unit) in enumerate(zip(chain.structure.axes, units, strict=True))}
+    return q, *chain.poses(position, {}, {})
+
+
+@lru_cache(maxsize=64)
+def _nominal(chain: Chain, units: tuple[float, ...]) -> Mapped:
+    """Commands, mm and degree (`units` of each in mm and rad), and tool ball → ball in the workpiece frame, its slopes, rotation
+    and translation of the workpiece, rotation of the tool; made once for each chain."""
+    tool_ball = ca.SX.sym("tool_ball", 3)
+    q, workpiece, tool = _poses(chain, units)
+    ball = workpiece.apply_inverse(tool.apply(tool_ball))
+    outputs = [ball, ca.jacobian(ball, q), workpiece.rotation, workpiece.translation, tool.rotation]
+    return Mapped(ca.Function("nominal", [q, tool_ball], [ca.densify(part) for part in outputs]))
+
+
+@lru_cache(maxsize=64)
+def _pointing(chain: Chain, units: tuple[float, ...]) -> Mapped:
+    """Commands → the tool's axis in the workpiece frame (3,) and its slopes (3, axes)."""
+    q, workpiece, tool = _poses(chain, units)
+    pointing = workpiece.rotation.T @ tool.rotation[:, 2]
+    return Mapped(ca.Function("pointing", [q], [ca.densify(pointing), ca.densify(ca.jacobian(pointing, q))]))
+
+
 class Nominal:
     """The exact nominal kinematics of a machine for many poses at once; commands in mm and degree."""
 
     def __init__(self, machine: Machine) -> None:
         self.machine = machine
-        tool_ball = ca.SX.sym("tool_ball", 3)
-        q, workpiece, tool = self._chain()
-        ball = workpiece.apply_inverse(tool.apply(tool_ball))
-        outputs = [ball, ca.jacobian(ball, q), workpiece.rotation, workpiece.translation, tool.rotation]
-        self._function = Mapped(ca.Function("nominal", [q, tool_ball], [ca.densify(part) for part in outputs]))
-
-    def _chain(self) -> tuple[Any, Pose, Pose]:
-        """Commands as symbols, file units, and the poses of workpiece and tool."""
-        names = self.machine.axis_names
-        q = ca.SX.sym("q", len(names))
-        position = {name: self.machine.axes[name].to_internal * q[i] for i, name in enumerate(names)}
-        return q, *chain_poses(self.machine, position, {}, {})
-
-    @cached_property
-    def _pointing(self) -> Mapped:
-        """Commands → the tool's axis in the workpiece frame (3,) and its slopes (3, axes)."""
-        q, workpiece, tool = self._chain()
-        pointing = workpiece.rotation.T @ tool.rotation[:, 2]
-        return Mapped(ca.Function("pointing", [q], [ca.densify(pointing), ca.densify(ca.jacobian(pointing, q))]))
+        units = tuple(machine.axes[name].to_internal for name in machine.axis_names)
+        self._given = chain_of(machine), units
+        self._function = _nominal(*self._given)
 
     def _evaluate(self, commands: Mapping[str, Array], tool_ball: Sequence[float] | Array) -> list[Array]:
         """Ball (N, 3, 1), its slopes (N, 3, axes), the workpiece's rotation and translation, the tool's
@@ -203,7 +213,7 @@ class Nominal:
         q[:, columns] = start
         missed = np.full(len(start), np.inf)
         for _ in range(NEWTON):
-            point, slope = self._pointing(q)
+            point, slope = _pointing(*self._given)(q)
             left = directions - point
             missed = np.linalg.norm(left, axis=1)
             if missed.max() < REACHED_RAD:

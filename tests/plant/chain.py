@@ -101,6 +101,10 @@ def _axis(word: str, side: int, tables: Mapping[str, Mapping]) -> Axis:
     return Axis(name, kind, side, tuple(unit.tolist()), tuple(float(v) for v in table.get("origin", (0.0, 0.0, 0.0))))
 
 
+UNTURNED = np.eye(3)
+"""The rotation of a linear axis without error motions; no product is made with it."""
+
+
 def rot(direction: Sequence[float], angle: ArrayLike) -> Array:
     """Rodrigues rotation matrices about a unit `direction`, (..., 3, 3) for `angle` (...) in rad."""
     a = np.asarray(angle, float)[..., None, None]
@@ -135,12 +139,12 @@ def axis_transform(axis: Axis, q: Array, place: Array, motion: Array | None) -> 
     e, o = np.asarray(axis.direction), np.asarray(axis.origin)
     if motion is None and not place.any():  # exact, and several times as quick
         if not axis.rotary:
-            return np.eye(3), s[:, None] * e
+            return UNTURNED, s[:, None] * e
         r = rot(axis.direction, s)
         return r, o - r @ o
     r0 = rot_xyz(place[..., 3:])
     shift = np.zeros(3) if motion is None else motion[:, :3]
-    turn = np.eye(3) if motion is None else rot_xyz(motion[:, 3:])
+    turn = UNTURNED if motion is None else rot_xyz(motion[:, 3:])
     if not axis.rotary:
         return turn, s[:, None] * (r0 @ e) + shift
     r = r0 @ turn @ rot(axis.direction, s)
@@ -167,11 +171,11 @@ def ball_in_workpiece(
     point = np.broadcast_to(np.asarray(tool_ball, float), (n, 3))
     for axis in reversed(chain.tool):
         r, p = axis_transform(axis, np.asarray(command[axis.name], float), location(axis, place), motion.get(axis.name))
-        point = np.einsum("...ij,...j->...i", r, point) + p
+        point = (point if r is UNTURNED else np.einsum("...ij,...j->...i", r, point)) + p
     point = point + np.asarray(tool_shift, float)
     for axis in chain.workpiece:
         r, p = axis_transform(axis, np.asarray(command[axis.name], float), location(axis, place), motion.get(axis.name))
-        point = np.einsum("...ji,...j->...i", r, point - p)
+        point = point - p if r is UNTURNED else np.einsum("...ji,...j->...i", r, point - p)
     return point
 
 
