@@ -103,8 +103,8 @@ def unit_words(unit: str) -> str:
 
 
 def name_words(name: str, unit: str | None) -> str:
-    """A quantity's name as words, without the unit that stands behind the number."""
-    return name.removesuffix(f"_{(unit or '').lower()}").replace("_", " ")
+    """A quantity's name as words, without the unit that stands behind the number: of `ppm` nothing."""
+    return f"_{name}".removesuffix(f"_{(unit or '').lower()}").replace("_", " ").strip()
 
 
 def power_of_ten(p: float) -> str:

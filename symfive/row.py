@@ -55,8 +55,8 @@ class Row:
         self._signals = signals
         self._parameters = parameters
         self._constants = constants
-        self.table_ball = self.vector("table_ball") + self._setup("table_ball")
-        self.tool_ball = self.vector("tool_ball") + self._turned(self._setup("tool_ball"))
+        self.table_ball = self.vector("table_ball") + self.setup("table_ball")
+        self.tool_ball = self.vector("tool_ball") + self._turned(self.setup("tool_ball"))
 
     def signal(self, signal: Signal) -> Symbol:
         """The value of a signal that the effect or instrument has declared."""
@@ -78,7 +78,8 @@ class Row:
         """A constant with three components, `name.x` … (zero where the run has none)."""
         return ca.vertcat(*(self._constants.get(f"{name}.{c}", ca.SX(0)) for c in "xyz"))
 
-    def _setup(self, name: str) -> Symbol:
+    def setup(self, name: str) -> Symbol:
+        """A set-up error with three components, `setup.name.x` … (zero where the run has none)."""
         return ca.vertcat(*(self._parameters.get(f"setup.{name}.{c}", ca.SX(0)) for c in "xyz"))
 
     def _turned(self, offset: Symbol) -> Symbol:

@@ -63,6 +63,18 @@ def test_a_drift_of_the_tool_along_an_axis_is_no_growth() -> None:
     assert (finding.name, finding.axis, finding.effect.id) == ("thermal_drift", None, "thermal_drift")
 
 
+def test_a_drift_at_a_standstill_is_no_growth() -> None:
+    """ISO 230-3: from one position nobody knows where an axis is held. It was a growth of -65 ± 35 ppm, held somewhere."""
+    time, rng = 30.0 * np.arange(240.0), np.random.default_rng(2)
+    drift = 14.0 * (1.0 - np.exp(-time / 1800.0)) + rng.normal(0.0, NOISE_UM, len(time))
+    run = Run(
+        id="still", instrument=("laser",), sampling="static", time=time, commands={"X": np.full(len(time), 100.0)},
+        readings={"X_dev_um": drift}, noise_um=NOISE_UM, options={"axis": "X"},
+    )  # fmt: skip
+    [finding] = diagnose(Campaign(machine=warming().machine, runs=(run,))).findings
+    assert (finding.name, finding.axis, finding.effect.id) == ("thermal_drift", None, "thermal_drift")
+
+
 def test_a_rotary_axis_does_not_grow() -> None:
     machine = preset("oyama-2010")
     plan = campaign_of(machine, planar_circle(machine, plane="XY", feed=2000.0, rate_hz=10.0))

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from test_outliers import NOISE_UM, TARGETS, campaign
 
-from symfive.campaign import read_campaign
+from symfive.campaign import Campaign, Run, read_campaign
 from symfive.diagnose import Finding, amend, diagnose, facts_of, findings_of, locate
 from symfive.effects import EFFECTS, Form, make_effect
+from symfive.machine import preset
 from symfive.posterior import (
     WHITE,
     Expansion,
@@ -122,3 +123,20 @@ def test_a_law_that_holds_has_no_discrepancy() -> None:
     found = diagnose(campaign([wave + NOISE_UM * rng.standard_normal(len(way)) for _ in range(5)]))
     (finding,) = found.findings
     assert (finding.name, finding.discrepancies) == ("transmission_error", ())
+
+
+def test_a_component_that_the_sensor_does_not_see_is_no_alternative() -> None:
+    """A sensor along y reads positioning errors of X by their product with a squareness: millimetres of them would fit."""
+    machine = preset("three-axis")
+    machine = replace(machine, errors={term.name: term for term in machine.location_errors})
+    x = np.concatenate([np.linspace(-300.0, 300.0, 31), np.linspace(300.0, -300.0, 31)])
+    rough = np.random.default_rng(3).normal(0.0, 0.3, len(x))
+    run = Run(
+        id="edge", instrument=("straightedge",), sampling="static", time=4.0 * np.arange(len(x)),
+        commands={"X": x, "Y": np.zeros(len(x)), "Z": np.full(len(x), 100.0)}, table_ball=(0.0, 0.0, -50.0),
+        tool_ball=(0.0, 0.0, -150.0), u=(0.0, 1.0, 0.0), v=(1.0, 0.0, 0.0), noise_um=0.3,
+        readings={"ds_um": 6.0 * (x / 300.0) ** 3 + rough},
+    )  # fmt: skip
+    (finding,) = diagnose(Campaign(machine=machine, runs=(run,))).findings
+    assert finding.name == "error_motion" and finding.axis == "X"
+    assert {"error_motion.EXX", "error_motion.EBX"}.isdisjoint({finding.effect.key, *finding.alias})

@@ -130,6 +130,11 @@ def test_a_laser_file_gives_the_numbers_of_its_test(tmp_path: Path):
     lines = [f"{t / 25.4:.8f}, {(t + 1e-3 * d) / 25.4:.9f}" for t, d in zip(way[inner], x[inner], strict=True)]
     (tmp_path / "long.csv").write_text("\n".join(["target (inch), measured (inch)", *lines]))
     long = _imported(tmp_path, "three-axis", tmp_path / "long.csv", "--yes", "--overwrite")
+    for target, upward, downward in (("Ziel", "auf", "ab"), ("Target", "Fwd", "Rev")):
+        other = heads.replace("Target", target).replace("up", upward).replace("down", downward)
+        (tmp_path / f"{target}.csv").write_text("\n".join([other, *rows]), encoding="cp1252")
+        again = _imported(tmp_path, "three-axis", tmp_path / f"{target}.csv", "--yes", "--overwrite")
+        np.testing.assert_array_equal(again.runs[0].readings["X_dev_um"], wide.runs[0].readings["X_dev_um"])
     for campaign in (wide, long):
         found = {v.title: v.value for v in standard_values(campaign)}
         assert set(found) == set(wanted)
@@ -263,6 +268,7 @@ WRONG = {
             "--radius says 100 mm", "the length of this bar"),
     "empty": (["nothing"], [], "no table of numbers", "two columns"),
     "other": (["x;y", "1;2", "2;3"], ["--map", "X=1:mm"], "hold no reading", "--map dL=3:um"),
+    "unknown": (["a;b", "1;2", "2;3"], [], "the names in the header hold no reading", "up and down of a positioning test"),
     "nowhere": (["t;y", "1;2", "2;3"], ["--map", "time=1:s", "--map", "X_dev=2:um"], "hold no position", "--hold X=0"),
     "positions": (["1;1.01", "2;2.02", "4;3.99"], ["--map", "target=1:mm", "--map", "deviation=2:mm"], "these are positions",
                   "--map measured=2:mm"),

@@ -200,6 +200,17 @@ def test_an_alias_is_what_reads_the_same_however_large_it_would_have_to_be(momen
         assert verdict.alias == alias and verdict.names[0] == terms[0].name
 
 
+def test_another_component_that_fits_as_well_is_an_alias_and_leaves_the_name_sure(moments: Moments) -> None:
+    """A straightness that no polynomial fits exactly was a yaw of 99.9 %, and the straightness was not mentioned."""
+    first = next(k for k, t in enumerate(moments.terms) if t.effect.key == "lateral_play.EBX")
+    held = moments_about(refitted(moments, ((first, 1.0),)), candidates(moments.fit.model.campaign))
+    other = next(k for k, t in enumerate(held.terms) if t.effect.key == "lateral_play.EYX")
+    prior = [held.terms[k].log_prior + log_width(1.0, WIDTHS) for k in (0, other)]
+    posterior = Posterior(held, {((0, 1.0),): prior[0], ((other, 1.0),): prior[1] - 1.0})
+    (verdict,) = decide(posterior, posterior)
+    assert verdict.alias == (other,) and not verdict.by_experience
+
+
 def test_large_sizes_are_rare_and_none_is_excluded() -> None:
     """Half-Cauchy in steps of equal ratio: far above the usual size ten times as large is ten times as rare."""
     logs = np.array([log_width(w, WIDTHS) for w in WIDTHS])

@@ -29,6 +29,7 @@ from symfive.posterior import (
     log_evidence,
     refitted,
     solution,
+    widths_of,
 )
 from symfive.threads import one_thread
 
@@ -264,8 +265,8 @@ def _log_nothing(posterior: Posterior, term: int) -> float:
 
 
 def _other_forms(posterior: Posterior, term: int) -> list[int]:
-    """Forms of the same name, as other components, that give what the readings see of a term but for χ² of 4. Other places of a
-    scan are none: how well a place is known is another question."""
+    """Forms of the same name, as other components, that give what the readings see of a term but for χ² of 4, by amplitudes of
+    their widest prior."""
     moments, terms = posterior.moments, posterior.moments.terms
     held = _most_probable(posterior, frozenset(range(moments.held)))
     evidence = log_evidence(moments, held)
@@ -273,10 +274,11 @@ def _other_forms(posterior: Posterior, term: int) -> list[int]:
     at, x = own.where[own.amplitude], solution(moments, held, evidence)[term][own.amplitude]
     found = []
     for number, (other, columns) in enumerate(zip(terms, moments.columns, strict=True)):
-        if other.name == terms[term].name and other.slot != terms[term].slot and not other.form.placed:
+        if other.name == terms[term].name and terms[term].differs(other):
             there = columns.where[columns.amplitude]
             seen = gram[np.ix_(there, at)] @ x
-            given = seen @ np.linalg.lstsq(gram[np.ix_(there, there)], seen, rcond=None)[0]
+            widest = widths_of(moments, number)[-1]
+            given = seen @ np.linalg.solve(gram[np.ix_(there, there)] + np.eye(len(there)) / widest**2, seen)
             if x @ gram[np.ix_(at, at)] @ x - given < 2.0 * SAME:
                 found.append(number)
     return found

@@ -115,7 +115,7 @@ def _sizes(finding: Finding, after: Identification) -> tuple[list[str], list[str
         return [f"up to {plain_number(most, unit)} {unit} of the readings, by {1 + len(finding.further)} terms"], [], []
     words, clear, faint, vectors = list[str](), list[str](), list[str](), list[str]()
     for name, q in finding.parameters.items():
-        said = f"{name_words(name, q.unit)} {in_words(q.value, q.std, q.unit or '')}"
+        said = f"{name_words(name, q.unit)} {in_words(q.value, q.std, q.unit or '')}".strip()
         if isinstance(q.value, (str, tuple)):
             (words if isinstance(q.value, str) else vectors).append(said)
         else:

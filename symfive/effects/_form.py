@@ -103,9 +103,13 @@ def moving(campaign: Campaign) -> tuple[str, ...]:
 
 
 def positioned(campaign: Campaign) -> tuple[str, ...]:
-    """Axes that a positioning test by ISO 230-2 compares with a laser: their deviations are what it measures."""
-    runs = [run for run in campaign.runs if "laser" in run.instrument and not run.dynamic]
-    return tuple(axis for axis in campaign.machine.axis_names if any(run.options.get("axis") == axis for run in runs))
+    """Axes whose positions a positioning test by ISO 230-2 compares with a laser: their deviations are what it measures."""
+    at: dict[object, list[Array]] = {}
+    for run in campaign.runs:
+        if "laser" in run.instrument and not run.dynamic:
+            axis = run.options.get("axis")
+            at.setdefault(axis, []).append(run.commands[str(axis)])
+    return tuple(a for a in campaign.machine.axis_names if a in at and np.ptp(np.concatenate(at[a])) > 0.0)
 
 
 def reversing(campaign: Campaign) -> tuple[str, ...]:

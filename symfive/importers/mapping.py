@@ -32,10 +32,10 @@ ALIASES = {
     "radius": ("radius", "r"),
     "ccw": ("ccw",),
     "cw": ("cw",),
-    "target": ("target", "soll", "nominal", "target position", "tgt"),
+    "target": ("target", "soll", "ziel", "nominal", "target position", "tgt"),
     "measured": ("measured", "ist", "actual", "measured position"),
-    "up": ("up", "forward", "fwd"),
-    "down": ("down", "backward", "bwd", "reverse"),
+    "up": ("up", "forward", "fwd", "auf", "vorwärts"),
+    "down": ("down", "backward", "bwd", "reverse", "rev", "ab", "rückwärts"),
 }
 """A meaning and the names in heads that it goes by."""
 SMALL = ("deviation", "ccw", "cw", "up", "down")

@@ -257,13 +257,17 @@ def recorded_run(machine: Machine, columns: Columns, setting: Setting, id: str) 
         read.setdefault(instrument, []).append(name.partition("_")[0])
     commands = {name: _one(columns, name) for name in columns if name in machine.axes}
     if not readings or not (commands or setting.hold):
-        there, lacking = ", ".join(columns) or "none", "reading" if not readings else "position of an axis"
+        there = f"columns ({', '.join(columns)})" if columns else "names in the header"
+        lacking = "reading" if not readings else "position of an axis"
         named = [axis for axes in read.values() for axis in axes if axis in machine.axes]
         axis = machine.axes[(named or machine.axis_names)[0]]
-        remedy = f"map them: --map {axis.name}=2:{axis.unit} --map dL=3:um, or angle and deviation of a circle"
+        remedy = (
+            f"map the columns: --map {axis.name}=2:{axis.unit} --map dL=3:um, or angle and deviation of a circle, or target, up "
+            "and down of a positioning test"
+        )
         if readings:
             remedy = f"map it: --map {axis.name}=2:{axis.unit}; of a test at a standstill give --hold {axis.name}=0"
-        raise InputError(f"the columns ({there}) hold no {lacking}", remedy=remedy)
+        raise InputError(f"the {there} hold no {lacking}", remedy=remedy)
     rows = len(next(iter(readings.values())))
     time = _one(columns, "time") if "time" in columns else None
     u, v = (np.eye(3)[i] for i in PLANES[setting.plane]) if "grid_encoder" in noise else (None, None)

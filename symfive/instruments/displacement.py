@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from symfive.errors import InputError
-from symfive.instruments._base import Column, Instrument, setup_parameter
+from symfive.instruments._base import Column, Instrument, setup_parameter, setup_vector
 from symfive.parameters import Parameter
 
 if TYPE_CHECKING:
@@ -22,7 +22,9 @@ class Displacement(Instrument):
     """`s_k = gain_k · direction_k · (displacement of the table at position_k) + form + zero_k`, µm.
 
     `sensors = [{ direction = [1, 0, 0], position = [150, 0, 0], on = "machine", target = "rim", gain_sigma = 0.01 }]`.
-    The displacement is that of the table's material at the sensor: W(real)·W(nominal)⁻¹·p - p. On a rim or a face the
+    The displacement is that of the table's material at the sensor: W(real)·(W(nominal)⁻¹·p + e) - p. Of a ball e is what it
+    stands off its nominal place on the table, an unknown of the set-up for every position: its eccentricity is no error motion
+    (ISO 230-7). Elsewhere e is zero. On a rim or a face the
     artefact's own form is a Fourier series of order `form_order` (default 2) in the table's angle under the sensor, common to
     all sensors on the same target: the order-1 part is the eccentricity (rim) or the swash (face) of the artefact.
     `form_axis` names the axis that turns it. Gains have the prior 1 ± `gain_sigma` (default exact).
@@ -56,6 +58,8 @@ class Displacement(Instrument):
             found.append(setup_parameter(run, f"zero.s{k}", "um", ZERO_SIGMA_UM))
             if sensor.get("gain_sigma"):
                 found.append(setup_parameter(run, f"gain.s{k}", "1", float(sensor["gain_sigma"]), mean=1.0))
+        for k in sorted(set(self._balls(run).values())):
+            found += setup_vector(run, f"ball.s{k}", run.setup_sigma_um.table_ball)
         sigma = float(run.options.get("form_sigma_um", 100.0))
         for target in self._targets(run):
             for order in range(1, self._order(run) + 1):
@@ -73,6 +77,13 @@ class Displacement(Instrument):
         return tuple(t for t in ("rim", "face") if t in seen)
 
     @staticmethod
+    def _balls(run: Run) -> dict[int, int]:
+        """Of every sensor on a ball, by number, the first one at the same position: it names the ball."""
+        sensors = run.options["sensors"]
+        at = {k: tuple(s["position"]) for k, s in enumerate(sensors, start=1) if s.get("target", "ball") == "ball"}
+        return {k: next(first for first, other in at.items() if other == place) for k, place in at.items()}
+
+    @staticmethod
     def _order(run: Run) -> int:
         return int(run.options.get("form_order", 2))
 
@@ -84,10 +95,11 @@ class Displacement(Instrument):
         commanded = {name: row.signal(Command(name)) for name in row.machine.axis_names}
         nominal, _ = row.nominal_poses(commanded)
         actual, _ = row.poses
-        readings = []
+        readings, balls = [], self._balls(run)
         for k, sensor in enumerate(run.options["sensors"], start=1):
             point, direction = ca.DM(list(sensor["position"])), ca.DM(list(sensor["direction"]))
-            moved = actual.apply(nominal.apply_inverse(point)) - row.shift - point
+            off = row.setup(f"ball.s{balls.get(k)}")
+            moved = actual.apply(nominal.apply_inverse(point) + off) - row.shift - point
             value = ca.dot(direction / ca.norm_2(direction), moved) + self._form(row, run, sensor)
             gain = row.parameter(f"setup.gain.s{k}") if row.has(f"setup.gain.s{k}") else 1.0
             readings.append(gain * value + row.parameter(f"setup.zero.s{k}"))

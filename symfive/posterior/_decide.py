@@ -118,7 +118,8 @@ def _shares(posterior: Posterior, held: frozenset[int], term: int) -> tuple[dict
 
 
 def _alias(posterior: Posterior, held: frozenset[int], term: int) -> tuple[tuple[int, ...], bool]:
-    """Terms of other names that take the place of a member without a worse fit, however large; and whether there are any."""
+    """Terms that take the place of a member without a worse fit, however large: those of other names, then other components
+    under its own; and whether there are any of other names."""
     terms, rest = posterior.moments.terms, held - {term}
     evidence: dict[frozenset[int], float] = {}
     for subset, mass in posterior.mass.items():
@@ -128,5 +129,6 @@ def _alias(posterior: Posterior, held: frozenset[int], term: int) -> tuple[tuple
     for members, each in evidence.items():
         extra = members - rest
         if rest <= members and len(extra) == 1 and term not in extra and evidence[held] - each < SAME:
-            found += [t for t in extra if not terms[t].effect.unidentified and terms[t].name != terms[term].name]
-    return tuple(found), bool(found)
+            found += [t for t in extra if not terms[t].effect.unidentified and terms[term].differs(terms[t])]
+    found.sort(key=lambda t: terms[t].name == terms[term].name)
+    return tuple(found), bool(found) and terms[found[0]].name != terms[term].name

@@ -61,6 +61,10 @@ class Term:
         """Whether it is a variation of another one."""
         return bool(self.needs) and not other.needs and self.needs == other.effect.key
 
+    def differs(self, other: Term) -> bool:
+        """Whether another term says something else: another name, or another component. Another place of a scan does not."""
+        return self.name != other.name or (self.slot != other.slot and not other.form.placed)
+
     def excludes(self, other: Term) -> bool:
         """Whether the two terms are mutually exclusive."""
         if self.needs and other.needs:
