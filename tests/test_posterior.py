@@ -40,7 +40,7 @@ from symfive.posterior import (
     widths_of,
 )
 from symfive.posterior._evidence import Turned
-from symfive.posterior._scale import settled, solved  # two scales of the noise, matrices that rounding has spoilt
+from symfive.posterior._scale import least, solved  # two scales of the noise, matrices that rounding has spoilt
 from symfive.simulate import simulate
 
 
@@ -137,7 +137,7 @@ def test_the_noise_scale_is_the_more_probable_of_two() -> None:
     power, size = np.full((1, 18), 1000.0**2), 1000.0 * np.random.default_rng(2).standard_normal(18)
     form = Turned(power, 1000.0 * size[None], np.array([size @ size + 2.0]), np.zeros((1, 18)), np.eye(18)[None])
     for start in (1.0, form.q[0] / 20):
-        (cost,), (kappa2,) = settled(np.array([start]), 20, 18, form.weighed)
+        (cost,), (kappa2,) = least(np.array([start]), 20, 18, form.weighed)
         (left,), (rest,) = form.weighed(np.array([0]), np.array([1.0]))
         assert cost <= left + rest + 1e-9 and kappa2 < 30.0
 

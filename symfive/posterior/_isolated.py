@@ -14,7 +14,7 @@ from symfive.inference import Outlier
 from symfive.posterior._evidence import Turned
 from symfive.posterior._explore import BEAM, MOST, Posterior, Subset
 from symfive.posterior._moments import Moments
-from symfive.posterior._scale import settled
+from symfive.posterior._scale import least
 from symfive.posterior._tables import Tables
 
 __all__ = ["log_chance", "odd_readings"]
@@ -116,7 +116,7 @@ class _Rows:
         turned, power = self.columns @ axes, np.maximum(power, 0.0)
         g, q = y @ turned[kept], np.array([y @ y])
         form = Turned(power[None], g[None], q, np.zeros((1, len(g))), axes[None])
-        (cost,), (kappa2,) = settled(q / len(y), len(y), len(g), form.weighed)
+        (cost,), (kappa2,) = least(q / len(y), len(y), len(g), form.weighed)
         left = self.y - turned @ (g / (power + kappa2))
         share = 1.0 - turned[kept] ** 2 @ (1.0 / (power + kappa2))  # of its variance that the rest does not tell
         odd = left[kept] ** 2 / share / kappa2 - np.log(share)

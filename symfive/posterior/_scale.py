@@ -10,7 +10,7 @@ from scipy.linalg.lapack import dposv
 from symfive.arrays import Array, Indices
 from symfive.posterior._noise import NEGLIGIBLE
 
-__all__ = ["STEPS", "settled", "solved"]
+__all__ = ["STEPS", "least", "settled", "solved"]
 
 STEPS = 3
 """Of the fixed point for κ², which contracts by the share of the prior in the evidence, 1e-1 or less."""
@@ -18,45 +18,41 @@ SMALL = 8
 """Columns up to which the LU factors of all matrices in one call cost less than a call of each one's Cholesky factor."""
 
 
-def settled(
+def least(
     start: Array, count: int, columns: int, weigh: Callable[[Indices, Array], tuple[Array, Array]]
 ) -> tuple[Array, Array]:
-    """Cost (P,) of problems of `count` readings and so many `columns`, and their κ² (P,).
+    """The least cost (P,) of problems of `count` readings and so many `columns`, and κ² (P,) there.
 
-    `weigh` says of some problems (p,) under such scales (p,) what is left (p,) and the rest of the cost (p,). The cost may have
-    two minima where the columns could explain most readings: large noise and nothing explained, or little noise. So the fixed
-    point is sought from a first scale `start` (P,) on, and, where that ends above the declared noise, from this on.
+    Where the columns could explain most readings, there are two minima: much noise and hardly an effect, or little noise. So the
+    fixed point is sought from a first scale `start` (P,) on, and from the declared noise on.
     """
-    loud = np.flatnonzero(start > 1.0)
-    below = np.maximum(1.0, weigh(loud, np.ones(len(loud)))[0] / count) if len(loud) else np.ones(0)
-    cost, scale = _fixed(np.arange(len(start)), np.maximum(1.0, start), count, columns, weigh)
-    apart = columns * (scale[loud] - below) > 2.0 * NEGLIGIBLE * scale[loud]
-    if apart.any():
-        rows = loud[apart]
-        other, lower = _fixed(rows, below[apart], count, columns, weigh)
-        better = other < cost[rows]
-        cost[rows], scale[rows] = np.where(better, other, cost[rows]), np.where(better, lower, scale[rows])
-        weigh(rows, scale[rows])
+    cost, scale = settled(start, count, columns, weigh)
+    if (scale > 1.0).any():
+        other, lower = settled(np.ones(len(start)), count, columns, weigh)
+        cost, scale = np.minimum(cost, other), np.where(other < cost, lower, scale)
     return cost, scale
 
 
-def _fixed(
-    rows: Indices, start: Array, count: int, columns: int, weigh: Callable[[Indices, Array], tuple[Array, Array]]
+def settled(
+    start: Array, count: int, columns: int, weigh: Callable[[Indices, Array], tuple[Array, Array]]
 ) -> tuple[Array, Array]:
-    """Cost (p,) and κ² (p,) of some problems from a first scale on. Those that are at their fixed point, as all are whose noise
-    is as declared, are not solved again: beside it the cost changes by no more than the columns times the share by which κ² does.
+    """Cost (P,) of problems of `count` readings and so many `columns`, and their κ² (P,), from a first one `start` (P,) on.
+
+    `weigh` says of some problems (p,) under such scales (p,) what is left (p,) and the rest of the cost (p,). Those that are at
+    their fixed point, as all are whose noise is as declared, are not solved again: beside it the cost changes by no more than
+    the columns times the share by which κ² does.
     """
-    scale, cost, moving = start.copy(), np.empty(len(rows)), np.arange(len(rows))
+    scale, cost, rows = np.maximum(1.0, start), np.empty(len(start)), np.arange(len(start))
     for step in range(STEPS):
-        kappa2 = scale[moving]
-        left, rest = weigh(rows[moving], kappa2)
-        cost[moving] = left / kappa2 + rest + count * np.log(kappa2)
+        kappa2 = scale[rows]
+        left, rest = weigh(rows, kappa2)
+        cost[rows] = left / kappa2 + rest + count * np.log(kappa2)
         after = np.maximum(1.0, left / count)
         moves = columns * np.abs(after - kappa2) > 2.0 * NEGLIGIBLE * kappa2
         if step == STEPS - 1 or not moves.any():
             break
-        moving = moving[moves]
-        scale[moving] = after[moves]
+        rows = rows[moves]
+        scale[rows] = after[moves]
     return cost, scale
 
 
