@@ -90,9 +90,8 @@ class _Rows:
             shared.append(columns[kept])
             setups.append(setup[kept])
             every.append(y[kept])
-            outliers += [
-                Outlier(run.id, row, fit.model.columns(run)[j].name, 0.0, 0.0) for row, j in tables.places(run)
-            ]
+            names = [column.name for column in fit.model.columns(run)]
+            outliers += [Outlier(run.id, row, names[j], 0.0, 0.0) for row, j in tables.places(run)]
         columns = np.hstack([block_diag(*setups), np.concatenate(shared)])
         return cls(np.concatenate(every), columns, tuple(outliers), len(fit.outliers))
 
