@@ -102,6 +102,19 @@ def test_a_table_by_either_side_is_learnt_from_two_cycles_and_predicts_the_other
     assert before > 5.0 and after < 1.3 * NOISE_UM
 
 
+@pytest.mark.parametrize(("size", "seed"), [(40.0, 9), (60.0, 8), (100.0, 9)])
+def test_of_two_cycles_the_odd_readings_are_found_beside_what_they_hide(size: float, seed: int) -> None:
+    """The first two targets of the first cycle: the table that explains the rest decides which are wrong."""
+    measured = jagged(targets=5, seed=seed)
+    first, *others = measured.runs
+    wrong = first.readings["X_dev_um"].copy()
+    wrong[1:3] += size, 0.5 * size
+    spoilt = replace(measured, runs=(first.with_readings({"X_dev_um": wrong}), *others))
+    found = diagnose(spoilt, hold_out="runs:cycle-2,cycle-3,cycle-4")
+    assert [(o.run, o.row) for o in found.after.outliers] == [("cycle-0", 1), ("cycle-0", 2)]
+    assert found.hold_out is not None and found.hold_out.rms["held_out"][1] < 1.5 * NOISE_UM
+
+
 def test_what_is_held_out_is_not_learnt_from(halved: Diagnosis) -> None:
     """Other readings in the held-out half change nothing but how they are predicted."""
     measured = axis_test()

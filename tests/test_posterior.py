@@ -39,7 +39,8 @@ from symfive.posterior import (
     solution,
     widths_of,
 )
-from symfive.posterior._scale import solved  # matrices that rounding has spoilt
+from symfive.posterior._evidence import Turned
+from symfive.posterior._scale import least, solved  # two scales of the noise, matrices that rounding has spoilt
 from symfive.simulate import simulate
 
 
@@ -129,6 +130,16 @@ def test_evidence_is_the_dense_marginal_likelihood(angles: int, few: bool) -> No
     kappa_free = log_evidence_at_unit_scale(moments, number)
     assert kappa_free - len(r) * (np.log(NOISE) + 0.5 * np.log(2.0 * np.pi)) == pytest.approx(dense, abs=1e-3)
     assert white >= dense - 1e-6  # a fitted scale of the noise is never worse
+
+
+def test_the_noise_scale_is_the_more_probable_of_two() -> None:
+    """Of 20 readings 18 columns explain nearly all: much noise and hardly an effect, or the declared noise."""
+    power, size = np.full((1, 18), 1000.0**2), 1000.0 * np.random.default_rng(2).standard_normal(18)
+    form = Turned(power, 1000.0 * size[None], np.array([size @ size + 2.0]), np.zeros((1, 18)), np.eye(18)[None])
+    for start in (1.0, form.q[0] / 20):
+        (cost,), (kappa2,) = least(np.array([start]), 20, 18, form.weighed)
+        (left,), (rest,) = form.weighed(np.array([0]), np.array([1.0]))
+        assert cost <= left + rest + 1e-9 and kappa2 < 30.0
 
 
 def log_evidence_at_unit_scale(moments: Moments, number: int) -> float:

@@ -7,7 +7,6 @@ for the evidence. Where there are fewer rows than columns the rows are kept: (S�
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
 from symfive.arrays import Array, Indices
 
@@ -65,16 +64,16 @@ def products(rows: Array) -> Array:
 
 
 def eliminated_rows(rows: Array, first: int, departure: Array) -> tuple[Array, Array]:
-    """Rows (J, n, m) whose products are those of `rows` without their `first` columns S, and log|A| (J,): SSᵀ + I is the
-    covariance of what these columns and the noise make, and as it is small where rows are few, they stay rows."""
+    """Rows (J, n, m) whose products are those of `rows` without their `first` columns S, and log|A| (J,): of S = UΣVᵀ, the
+    covariance SSᵀ + I of what these columns and the noise make has the root U·(√(Σ² + I) - I)·Uᵀ + I."""
     own, rest = rows[:, :, :first], rows[:, :, first:].copy()
     if first == 0:
         return rest, np.zeros(len(rows))
     rest[:, :, -1] += own @ departure
-    factor = np.linalg.cholesky(own @ np.swapaxes(own, 1, 2) + np.eye(rows.shape[1]))
-    for one, right in zip(factor, rest, strict=True):
-        right[:] = solve_triangular(one, right, lower=True, check_finite=False)
-    return rest, 2.0 * np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1)
+    axes, sizes, _ = np.linalg.svd(own, full_matrices=False)
+    for one, size, right in zip(axes, sizes, rest, strict=True):
+        right -= one @ ((1.0 - 1.0 / np.sqrt(1.0 + size**2))[:, None] * (one.T @ right))
+    return rest, np.log1p(sizes**2).sum(axis=1)
 
 
 def eliminated(gram: Array, first: int, departure: Array) -> tuple[Array, Array]:

@@ -21,7 +21,7 @@ import numpy as np
 from symfive.arrays import Array, Indices
 from symfive.posterior._eliminate import eliminated_rows
 from symfive.posterior._moments import Moments
-from symfive.posterior._scale import settled, solved
+from symfive.posterior._scale import least, solved
 
 __all__ = [
     "SHARE", "Blocks", "Equations", "LogEvidence", "Selected", "Turned", "beside", "discrepancies", "equations",
@@ -166,7 +166,7 @@ def log_evidence(moments: Moments, members: Iterable[Selected], blocks: Blocks =
 def evidence_of(moments: Moments, s: Equations) -> LogEvidence:
     """The evidence of the subset whose equations these are."""
     form = Turned.of(s) if np.trace(s.h, axis1=1, axis2=2).max() > PLAIN else s
-    cost, kappa2 = settled(s.q / moments.count, moments.count, len(s.d), form.weighed)
+    cost, kappa2 = least(s.q / moments.count, moments.count, len(s.d), form.weighed)
     return LogEvidence(-0.5 * (cost + moments.const) + moments.log_prior, kappa2)
 
 

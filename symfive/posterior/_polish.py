@@ -11,12 +11,13 @@ import numpy as np
 from symfive.effects import Effect, Form, Varying, form_words
 from symfive.errors import InputError
 from symfive.identify import Identification
+from symfive.inference import Outlier
 from symfive.model import Model
 from symfive.posterior._about import moments_about
 from symfive.posterior._evidence import SHARE, Selected, log_evidence
 from symfive.posterior._explore import Posterior, Subset, explore, held_by, log_prior, marginal_evidence
 from symfive.posterior._fit import WHITE, Expansion, expansion, fitted, refitted, settled
-from symfive.posterior._isolated import log_chance
+from symfive.posterior._isolated import log_chance, odd_readings
 from symfive.posterior._moments import Moments, moments_of
 from symfive.posterior._terms import Candidates, Name
 
@@ -70,14 +71,20 @@ def polish(
 def _first(before: Identification, candidates: Candidates, progress: Progress) -> _Round:
     """The expansion about the baseline, without the readings that stand alone or, where something that the library has explains
     these better than chance, with them. Only named effects are searched, but the moments hold all."""
+
+    def without(outliers: Sequence[Outlier]) -> _Round:
+        fit = fitted(before.model, [before.named], WHITE, 1.0, replace(before, outliers=tuple(outliers)))
+        return _Round.at(_at_ease(fit, candidates), candidates, progress)
+
     first = _Round.at(_at_ease(before, candidates), candidates, progress)
-    if not before.outliers:
-        return first
-    whole = fitted(before.model, [before.named], WHITE, 1.0, replace(before, outliers=()))
-    progress(f"including the {len(before.outliers)} isolated readings")
-    return max(
-        (first, _Round.at(_at_ease(whole, candidates), candidates, progress)), key=lambda each: each.opened.promise()
-    )
+    if before.outliers:
+        progress(f"including the {len(before.outliers)} isolated readings")
+        first = max((first, without(())), key=lambda each: each.opened.promise())
+    odd = odd_readings(first.opened.posterior)
+    if odd:
+        progress(f"without the {len(odd)} readings that are odd beside what else there may be")
+        first = max((first, without((*first.here.fit.outliers, *odd))), key=lambda each: each.opened.promise())
+    return first
 
 
 def _opened(named: _Round, first: _Round) -> _Round:
@@ -122,7 +129,7 @@ def _best(now: _Round, been: Mapping[Keys, _Round]) -> _Round:
     best = max((now, *been.values()), key=lambda each: each.whole)
     for keys, (_, subset) in best.leads.items():
         if keys in been:
-            best.exactly[subset] = been[keys].whole - log_chance(best.here.fit)
+            best.exactly[subset] = been[keys].whole - log_chance(best.here.fit, best.here.kappa2)
     return best
 
 
@@ -160,11 +167,12 @@ class _Round:
     @cached_property
     def whole(self) -> float:
         """Log mass of what it holds and of the readings that the fit excludes."""
-        return self.mass + log_chance(self.here.fit)
+        return self.mass + log_chance(self.here.fit, self.here.kappa2)
 
     def promise(self) -> float:
         """Log mass of the most probable subset and of the readings that the fit excludes."""
-        return max(self.posterior.mass.values()) + log_chance(self.here.fit)
+        best = self.posterior.best
+        return self.posterior.mass[best] + log_chance(self.here.fit, log_evidence(self.posterior.moments, best).kappa2)
 
     def exact(self, subset: Subset) -> tuple[float, Expansion]:
         """By how many nats an exact refit of a subset, in its best shapes, is better than what the expansion holds, and that

@@ -10,12 +10,27 @@ from scipy.linalg.lapack import dposv
 from symfive.arrays import Array, Indices
 from symfive.posterior._noise import NEGLIGIBLE
 
-__all__ = ["STEPS", "settled", "solved"]
+__all__ = ["STEPS", "least", "settled", "solved"]
 
 STEPS = 3
 """Of the fixed point for κ², which contracts by the share of the prior in the evidence, 1e-1 or less."""
 SMALL = 8
 """Columns up to which the LU factors of all matrices in one call cost less than a call of each one's Cholesky factor."""
+
+
+def least(
+    start: Array, count: int, columns: int, weigh: Callable[[Indices, Array], tuple[Array, Array]]
+) -> tuple[Array, Array]:
+    """The least cost (P,) of problems of `count` readings and so many `columns`, and κ² (P,) there.
+
+    Where the columns could explain most readings, there are two minima: much noise and hardly an effect, or little noise. So the
+    fixed point is sought from a first scale `start` (P,) on, and from the declared noise on.
+    """
+    cost, scale = settled(start, count, columns, weigh)
+    if (scale > 1.0).any():
+        other, lower = settled(np.ones(len(start)), count, columns, weigh)
+        cost, scale = np.minimum(cost, other), np.where(other < cost, lower, scale)
+    return cost, scale
 
 
 def settled(

@@ -208,6 +208,14 @@ class Tables:
         kept = ~self._left_out[run.id][:, chosen].reshape(len(table), *shape[1:])
         return np.asarray(table[:, chosen] * (kept / self._noise[run.id][chosen].reshape(shape)))
 
+    def kept(self, run: Run) -> Flags:
+        """Which of the fitted readings of a run (N, ny) are not left out as outliers."""
+        return ~self._left_out[run.id][:, self._fitted[run.id]]
+
+    def places(self, run: Run) -> list[tuple[int, int]]:
+        """(row, column of the model) of each of these."""
+        return [(int(row), int(self._fitted[run.id][j])) for row, j in np.argwhere(self.kept(run))]
+
     def _base(self, run: Run) -> tuple[Array, int]:
         """Set-up and geometry of a run (N, ny, s + g), and how many columns are the set-up's."""
         line, (setup, shared) = self._lines[run.id][0], self._known(run)
