@@ -266,7 +266,7 @@ def test_wobbling_eccentric_rim_is_one_form_for_all_probes(tmp_path: Path) -> No
 def test_wobbling_standstill_has_no_form(tmp_path: Path) -> None:
     wheel(tmp_path / "ess-rotary/wobbling/zero.log", turns=False)
     campaign = convert("ess-rotary/wobbling", tmp_path)
-    assert {p.name.split(".")[2] for p in Model(campaign).parameters} == {"zero"}
+    assert {p.name.split(".")[2] for p in Model(campaign).parameters} == {"zero", "ball"}
 
 
 def test_coast_down_gives_friction_per_inertia(tmp_path: Path) -> None:

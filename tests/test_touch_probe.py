@@ -259,4 +259,4 @@ def test_a_head_in_the_spindle_is_planned_in_its_frame() -> None:
     made = plan(location_only("table-bc"), points=8, setups=1, starts=1, anywhere=False, prove=False, frame="tool")
     assert all(run.options["frame"] == "tool" for run in made.campaign.runs)
     names = [p.name for p in made.assessment.parameters]
-    assert "setup.nest-1.table_ball.x" in names and "setup.nest-1.tool_ball.x" not in names
+    assert "setup.head-1.table_ball.x" in names and "setup.head-1.tool_ball.x" not in names

@@ -73,9 +73,13 @@ def pose_figure(machine: Machine, run: Run) -> Figure:
 
 def _key(figure: Figure, run: Run) -> None:
     """What the lines of the pose picture are."""
-    bar, stands = "ball_bar" in run.instrument, next(i.on_table(run) for i in instruments_of(run) if i.stands)
+    bar = "ball_bar" in run.instrument
     lines = [
-        Line2D([], [], marker="o", linestyle="", color="#c1121f", label=stands),
+        *(
+            Line2D([], [], marker="o", linestyle="", color="#c1121f", label=instrument.on_table(run))
+            for instrument in instruments_of(run)[:1]
+            if instrument.stands
+        ),
         Line2D([], [], color="0.3", linewidth=0.8, linestyle=(0, (3, 1.5)), label="tool, from its ball upward"),
         *([Line2D([], [], color="0.3", linewidth=1.8, label="bar")] if bar else []),
         Line2D([], [], color="0.6", linewidth=3.0, label="table, post"),

@@ -89,13 +89,6 @@ def _whole(steps: bytes, command: bytes) -> Array:
     return full
 
 
-def _akima(places: Array, column: Array) -> Any:
-    """Akima's curve through a column, which goes on beyond its ends."""
-    from scipy.interpolate import Akima1DInterpolator
-
-    return Akima1DInterpolator(places, column, extrapolate=True)
-
-
 def _between(response: Array, place: Array, interval: float) -> tuple[Array, Array]:
     """A drive's motion (N, 3, m) between its instants, `interval` s apart, at the `place` (n,) of each, and its change in a
     second: both (n, 3, m). Position and velocity are cubic, by their own slopes; beyond the ends the axis stands."""
@@ -275,7 +268,9 @@ class RunMotion:
         if len(time) < 3:
             slope = np.ptp(column) / np.ptp(time) if len(time) > 1 else 0.0
             return Series(np.interp(at, time, column), dict.fromkeys(self._clocks, -slope * moves))
-        curve = _akima(time, column)
+        from scipy.interpolate import Akima1DInterpolator
+
+        curve = Akima1DInterpolator(time, column, extrapolate=True)
         return Series(np.asarray(curve(at)), dict.fromkeys(self._clocks, np.asarray(-curve(at, 1) * moves)))
 
     def _driven(self, axis: Axis, command: Array) -> AxisMotion:
@@ -297,7 +292,7 @@ class RunMotion:
     @property
     def _curved(self) -> bool:
         """Whether the axes are commanded along a smooth curve between rows, as by a control that interpolates a circle."""
-        return self.run.options.get("between") == "curve" and self.run.rows > 2
+        return self.run.options.get("between") == "curve" and self.run.rows > 3
 
     def _response(self, axis: Axis, factor: int) -> tuple[Array, tuple[str, ...], int]:
         """The drive's motion at `factor` instants per interval, without gaps and with its lead, the parameters of its
@@ -317,8 +312,10 @@ class RunMotion:
         command, first = np.concatenate([lead, command]), len(lead)
         finer = command
         if factor > 1:
-            at, rows = np.arange((len(command) - 1) * factor + 1) / factor, np.arange(float(len(command)))
-            finer = _akima(rows, command)(at) if self._curved else np.interp(at, rows, command)
+            from scipy.interpolate import CubicSpline
+
+            at, rows = np.arange((len(command) - 1) * factor + 1) / factor, np.arange(len(command))
+            finer = CubicSpline(rows, command)(at) if self._curved else np.interp(at, rows, command)
         interval, order = self.run.interval / factor, tuple(sorted(gains.items()))
         response = _remembered(np.ascontiguousarray(finer).tobytes(), interval, order, tuple(wanted))
         return response, tuple(wanted.values()), first * factor

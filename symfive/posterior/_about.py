@@ -48,21 +48,29 @@ def _in_held_laws(here: Expansion, candidates: Candidates) -> Iterator[Form]:
                 pairs = {own: here.fit.named[its] for each in same for own, its in each if its in here.fit.named}
                 at = {p.name: float(np.clip(pairs[p.name], p.lower, p.upper))
                       for p in shape.parameters(here.fit.model.campaign) if p.name in pairs}  # fmt: skip
+                at = _as_large(here, held.effect, shape, at) if at else {}
                 if at:
                     others = tuple(other for other in (form.effect, *form.shapes) if other != shape)
-                    yield Form(effect=shape, shapes=others, at=_as_large(here, held.effect, shape, at))
+                    yield Form(effect=shape, shapes=others, at=at)
 
 
 def _as_large(here: Expansion, held: Effect, effect: Effect, at: Mapping[str, float]) -> dict[str, float]:
-    """The parameters at which an effect changes the readings as a held one does, as far as it can (least squares, in noise)."""
-    fit = here.fit
-    model = Model(fit.model.campaign, (*fit.model.added, effect))
-    values = {**fit.named, **effect.typical(fit.model.campaign), **at}
+    """The parameters at which an effect changes the readings as a held one does, as far as it can (least squares, in noise);
+    none where the readings do not depend on the law's, `at`."""
+    fit, campaign = here.fit, here.fit.model.campaign
+    model = Model(campaign, (*fit.model.added, effect))
+    values = {**fit.named, **effect.typical(campaign), **at}
     mine, its = fit.model.contribution(held, fit.values), model.contribution(effect, values)
-    noise = {run.id: fit.model.noise(run) for run in fit.model.campaign.runs}
+    noise = {run.id: fit.model.noise(run) for run in campaign.runs}
     given, seen = (sum(float(np.sum(its[k] * other[k] / n**2)) for k, n in noise.items()) for other in (mine, its))
-    sizes = {p.name: values[p.name] * given / seen for p in effect.amplitudes(fit.model.campaign)} if seen else {}
-    return {**sizes, **at}
+    if seen == 0.0:
+        return {}
+    values |= {p.name: values[p.name] * given / seen for p in effect.amplitudes(campaign)}
+    numbers, vector = [model.index[name] for name in at], model.vector(values)
+    lines = (model.linearise(run, vector, ahead=True) for run in campaign.runs)
+    if not any(np.any(line.jacobian[:, :, np.isin(line.columns, numbers)]) for line in lines):
+        return {}
+    return {p.name: values[p.name] for p in effect.parameters(campaign)}
 
 
 def _contacts(effect: Effect) -> list[Play | PreSliding]:
