@@ -61,12 +61,10 @@ def _how_read(campaign: Campaign, run: Run, post: Post) -> str:
     if "touch_probe" in run.instrument:
         return f"sphere at ({at}) mm, {len(touches_of(run))} touches at each, which the control logs"
     columns = [column.name for i in instruments_of(run) for column in i.columns(run, campaign.machine)]
-    what = f"{_parts(run)[0]} at ({at}) mm; " if any(i.stands for i in instruments_of(run)) else ""
-    if run.length is not None:
-        what = f"table ball at ({at}) mm, bar of {run.length:g} mm; "
-    return (
-        f"{what}{post.dwell_s:g} s at rest, then {READ[post.at_pose]} {', '.join(columns)} into the line of {run.file}"
-    )
+    bar = "" if run.length is None else f", bar of {run.length:g} mm"
+    what = f"{_parts(run)[0]} at ({at}) mm{bar}; " if any(i.stands for i in instruments_of(run)) else ""
+    read = f"{post.dwell_s:g} s at rest, then {READ[post.at_pose]} {', '.join(columns)}"
+    return f"{what}{read} into the line of {run.file}"
 
 
 def _parts(run: Run) -> tuple[str, str]:
