@@ -275,11 +275,11 @@ def test_the_column_bends_under_the_reach_of_its_arm() -> None:
         assert after < 1.3 and after < 0.8 * before
 
 
-@pytest.mark.xfail(strict=True, reason="two cycles of ten readings decide nothing")
 @pytest.mark.slow
 def test_ecmc_cycles_are_predicted_from_others() -> None:
     found = study(*real("ecmc-iso230"))
-    assert found.found.mismatch and {f.axis for f in found.found.findings} == {"X"} and sized(found)
+    (finding,) = found.found.findings
+    assert {"X", "X velocity sign"} <= set(finding.coordinate.split(", ")) and sized(found)
     from_the_first, from_the_last = found.held_out
     assert from_the_first.after < 0.4 * from_the_first.before
     assert from_the_last.after < 0.85 * from_the_last.before  # the first reading of all, 110 µm off, counts in either
