@@ -15,7 +15,7 @@ from symfive.arrays import Array
 from symfive.campaign import FIRST_LINE, Run
 from symfive.design._mounting import STILL
 from symfive.drawing.render import rendered
-from symfive.instruments import instruments_of
+from symfive.instruments import mounted
 from symfive.machine import Machine
 from symfive.numbers import unit_words
 from symfive.procedures import Nominal
@@ -73,13 +73,9 @@ def pose_figure(machine: Machine, run: Run) -> Figure:
 
 def _key(figure: Figure, run: Run) -> None:
     """What the lines of the pose picture are."""
-    bar = "ball_bar" in run.instrument
+    bar, (stands, _) = "ball_bar" in run.instrument, mounted(run)
     lines = [
-        *(
-            Line2D([], [], marker="o", linestyle="", color="#c1121f", label=instrument.on_table(run))
-            for instrument in instruments_of(run)[:1]
-            if instrument.stands
-        ),
+        *([Line2D([], [], marker="o", linestyle="", color="#c1121f", label=stands)] if stands else []),
         Line2D([], [], color="0.3", linewidth=0.8, linestyle=(0, (3, 1.5)), label="tool, from its ball upward"),
         *([Line2D([], [], color="0.3", linewidth=1.8, label="bar")] if bar else []),
         Line2D([], [], color="0.6", linewidth=3.0, label="table, post"),

@@ -9,7 +9,7 @@ from symfive.design._dominance import what_dominates
 from symfive.design._rounding import not_rounded
 from symfive.design._schedule import Schedule
 from symfive.design._space import Space
-from symfive.instruments import instruments_of
+from symfive.instruments import mounted
 from symfive.numbers import with_unit
 from symfive.optimal import Task
 
@@ -73,7 +73,7 @@ def _removals(schedule: Schedule, name: str, count: int) -> str:
     """How often the instrument comes off within a run, and why."""
     run = next(run for run in schedule.campaign.runs if run.id == name)
     bar = run.length is not None
-    (stands, held), *_ = ((i.on_table(run), i.in_spindle(run)) for i in instruments_of(run))
+    stands, held = mounted(run)
     what = "remove the bar" if bar else f"leave the {stands}"
     stops = " (program stops there)" if bar else ""
     seated = "bar on" if bar else f"{held.split()[-1]} in the nest" if stands == "nest" else f"{held} at the {stands}"

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from symfive.campaign import FIRST_LINE, Campaign, Run
-from symfive.instruments import instruments_of, touches_of
+from symfive.instruments import instruments_of, mounted, touches_of
 from symfive.nc import Post
 from symfive.numbers import unit_words
 
@@ -62,19 +62,15 @@ def _how_read(campaign: Campaign, run: Run, post: Post) -> str:
         return f"sphere at ({at}) mm, {len(touches_of(run))} touches at each, which the control logs"
     columns = [column.name for i in instruments_of(run) for column in i.columns(run, campaign.machine)]
     bar = "" if run.length is None else f", bar of {run.length:g} mm"
-    what = f"{_parts(run)[0]} at ({at}) mm{bar}; " if any(i.stands for i in instruments_of(run)) else ""
+    stands, _ = mounted(run)
+    what = f"{stands} at ({at}) mm{bar}; " if stands else ""
     read = f"{post.dwell_s:g} s at rest, then {READ[post.at_pose]} {', '.join(columns)}"
     return f"{what}{read} into the line of {run.file}"
 
 
-def _parts(run: Run) -> tuple[str, str]:
-    """What stands on the table, and what the spindle holds."""
-    return next((i.on_table(run), i.in_spindle(run)) for i in instruments_of(run) if i.stands)
-
-
 def _leaves(run: Run) -> str:
     """What the operator does where the tool ball leaves its nest, or a head the ball on the table."""
-    stands, held = _parts(run)
+    stands, held = mounted(run)
     moved = held.split()[-1]
     again = "seat it" if moved == "ball" else "bring it to the ball"
     return f"{moved} leaves the {stands}; {again} again, do not move the {stands}"

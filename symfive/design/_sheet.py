@@ -15,7 +15,7 @@ from symfive.design._mounting import STILL, digits, from_axes, over_the_ball, pa
 from symfive.design._pose_table import mounted_before, pose_table
 from symfive.design._schedule import SETUP_S
 from symfive.drawing import PAGE_STYLE, SCRIPT, poses_figure, templates
-from symfive.instruments import instruments_of
+from symfive.instruments import instruments_of, mounted
 from symfive.machine import Machine
 from symfive.nc import LETTERS, UNCHECKED, Post, collision_warning, series_of, upright_axis, which_point
 from symfive.numbers import plain_number, unit_words
@@ -86,7 +86,7 @@ def _stays(sheet: Sheet, run: Run) -> bool:
 
 def _run(sheet: Sheet, nominal: Nominal, run: Run) -> dict[str, Any]:
     """What the page shows of a run."""
-    stands = next((i.on_table(run) for i in instruments_of(run) if i.stands), "")
+    stands, _ = mounted(run)
     return {
         "id": run.id, "rows": run.rows, "minutes": f"{_minutes(sheet, run):.0f}", "steps": _steps(sheet, run, stands),
         "places": _ball_positions(nominal, run, stands) if stands and not _stays(sheet, run) else None,
@@ -107,7 +107,7 @@ def _steps(sheet: Sheet, run: Run, stands: str) -> list[str]:
         steps.append(f"The same mounting as for run {again.id}: {what}.")
     if stands and not stays:
         steps += _place(run, stands)
-        held = next(i.in_spindle(run) for i in instruments_of(run) if i.stands)
+        _, held = mounted(run)
         steps.append(f"{held[0].upper()}{held[1:]} at {-run.tool_ball[2]:.0f} mm below the spindle nose.")
     if stands and again is None and (before := _same_tool(sheet.campaign, run)) is not None:
         anew = "Calibrate it again" if "touch_probe" in run.instrument else "Take it out of the spindle and put it back"
@@ -144,7 +144,7 @@ def _place(run: Run, stands: str) -> list[str]:
     """Where the ball or nest stands on the table, and how well this has to be known."""
     x, y, z = (f"{v:.1f}".removesuffix(".0") for v in run.table_ball)
     there = f"Mount the {stands} at x = {x}, y = {y}, z = {z} mm of the workpiece frame"
-    sigma, held = next((i.place_sigma(run), i.in_spindle(run)) for i in instruments_of(run) if i.stands)
+    sigma, (_, held) = next(i.place_sigma(run) for i in instruments_of(run) if i.stands), mounted(run)
     if sigma is None:
         return [f"{there}, within 1 mm: the readings determine its exact place."]
     return [
@@ -159,7 +159,7 @@ def _start(sheet: Sheet, run: Run) -> list[str]:
     if "r_test" in run.instrument:
         record = ["Start the recording there, then let the program go on."] if run.dynamic else []
         zeroed = all(instrument.zeroed(run) for instrument in instruments_of(run))
-        ((stands, held),) = ((i.on_table(run), i.in_spindle(run)) for i in instruments_of(run) if i.name == "r_test")
+        stands, held = mounted(run)
         moved = held.split()[-1]
         there = "you seat the ball" if moved == "ball" else "you bring it to the ball"
         return [

@@ -229,13 +229,13 @@ def _seconds_in(minutes: float, least: float, most: int) -> Callable[[int], floa
         raise InputError(
             f"{minutes:g} min leave no time beside the mounting, {SETUP_S / 60.0:g} min", remedy="give more minutes"
         )
-    hours = most * (SETUP_S + DWELL_S + LONGEST_S) / 60.0
-    if minutes > hours:
+    longest = most * (SETUP_S + DWELL_S + LONGEST_S) / 60.0
+    if minutes > longest:
         problem = (
             f"{minutes:g} min are more than {plural(most, 'recording')} can use: one lasts an hour at most, since sweeps do not "
             "go back to a first position and so do not show drift"
         )
-        raise InputError(problem, remedy=f"give at most {math.floor(hours)} minutes, or more setups")
+        raise InputError(problem, remedy=f"give at most {math.floor(longest)} minutes, or more setups")
     return seconds
 
 

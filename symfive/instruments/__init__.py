@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "INSTRUMENTS", "ZERO_SIGMA_UM", "Column", "Instrument", "check_mounting", "columns_of", "fitted_parts",
-    "has_clock_of_its_own", "instruments_of", "setup_parameter", "setup_vector", "touches_of", "vector_constants",
+    "has_clock_of_its_own", "instruments_of", "mounted", "setup_parameter", "setup_vector", "touches_of", "vector_constants",
 ]  # fmt: skip
 
 _ALL = (
@@ -51,6 +51,11 @@ def instruments_of(run: Run) -> tuple[Instrument, ...]:
             problem = f"instrument {name!r} is unknown"
             raise InputError(problem, remedy=f"use one of {', '.join(INSTRUMENTS)}", keys=("instrument",))
     return tuple(INSTRUMENTS[name] for name in run.instrument)
+
+
+def mounted(run: Run) -> tuple[str, str]:
+    """What stands on the table in a run, and what the spindle holds; nothing where no instrument names a place."""
+    return next(((i.on_table(run), i.in_spindle(run)) for i in instruments_of(run) if i.stands), ("", ""))
 
 
 def columns_of(run: Run, machine: Machine) -> tuple[Column, ...]:

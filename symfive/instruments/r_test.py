@@ -61,7 +61,7 @@ class RTest(BallInstrument):
 
     def place_sigma(self, run: Run) -> float | None:
         sigma = run.setup_sigma_um
-        return sigma.zero if run.options.get("frame", "workpiece") == "workpiece" else sigma.table_ball
+        return sigma.table_ball if _in_head(run) else sigma.zero
 
     def zeroed(self, run: Run) -> bool:
         return run.setup_sigma_um.zero is None

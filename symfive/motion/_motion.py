@@ -89,6 +89,13 @@ def _whole(steps: bytes, command: bytes) -> Array:
     return full
 
 
+def _spline(rows: Indices, command: Array, at: Array) -> Array:
+    """The command at other places than its rows, along a cubic spline."""
+    from scipy.interpolate import CubicSpline
+
+    return np.asarray(CubicSpline(rows, command)(at))
+
+
 def _between(response: Array, place: Array, interval: float) -> tuple[Array, Array]:
     """A drive's motion (N, 3, m) between its instants, `interval` s apart, at the `place` (n,) of each, and its change in a
     second: both (n, 3, m). Position and velocity are cubic, by their own slopes; beyond the ends the axis stands."""
@@ -312,10 +319,8 @@ class RunMotion:
         command, first = np.concatenate([lead, command]), len(lead)
         finer = command
         if factor > 1:
-            from scipy.interpolate import CubicSpline
-
             at, rows = np.arange((len(command) - 1) * factor + 1) / factor, np.arange(len(command))
-            finer = CubicSpline(rows, command)(at) if self._curved else np.interp(at, rows, command)
+            finer = _spline(rows, command, at) if self._curved else np.interp(at, rows, command)
         interval, order = self.run.interval / factor, tuple(sorted(gains.items()))
         response = _remembered(np.ascontiguousarray(finer).tobytes(), interval, order, tuple(wanted))
         return response, tuple(wanted.values()), first * factor

@@ -6,7 +6,9 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
+from symfive.arrays import Array
 from symfive.effects import Effect, Form
+from symfive.identify import Identification
 from symfive.model import Model
 from symfive.motion import Play, PreSliding
 from symfive.posterior._fit import WHITE, Expansion
@@ -38,6 +40,7 @@ def _in_held_laws(here: Expansion, candidates: Candidates) -> Iterator[Form]:
     taken = {form.effect.key for form in here.held}
     for held in here.held:
         laws = {(type(law), law.axis): law.parameters for law in _contacts(held.effect)}
+        change = here.fit.model.contribution(held.effect, here.fit.values) if laws else {}
         for form in candidates.forms if laws else ():
             if form.at or form.effect.key in taken or name_of(form.effect) == name_of(held.effect):
                 continue
@@ -48,21 +51,23 @@ def _in_held_laws(here: Expansion, candidates: Candidates) -> Iterator[Form]:
                 pairs = {own: here.fit.named[its] for each in same for own, its in each if its in here.fit.named}
                 at = {p.name: float(np.clip(pairs[p.name], p.lower, p.upper))
                       for p in shape.parameters(here.fit.model.campaign) if p.name in pairs}  # fmt: skip
-                at = _as_large(here, held.effect, shape, at) if at else {}
+                at = _as_large(here.fit, change, shape, at) if at else {}
                 if at:
                     others = tuple(other for other in (form.effect, *form.shapes) if other != shape)
                     yield Form(effect=shape, shapes=others, at=at)
 
 
-def _as_large(here: Expansion, held: Effect, effect: Effect, at: Mapping[str, float]) -> dict[str, float]:
-    """The parameters at which an effect changes the readings as a held one does, as far as it can (least squares, in noise);
+def _as_large(
+    fit: Identification, change: Mapping[str, Array], effect: Effect, at: Mapping[str, float]
+) -> dict[str, float]:
+    """The parameters at which an effect comes nearest to a `change` of the readings, run id → (N, ny), by least squares in noise;
     none where the readings do not depend on the law's, `at`."""
-    fit, campaign = here.fit, here.fit.model.campaign
+    campaign = fit.model.campaign
     model = Model(campaign, (*fit.model.added, effect))
     values = {**fit.named, **effect.typical(campaign), **at}
-    mine, its = fit.model.contribution(held, fit.values), model.contribution(effect, values)
+    its = model.contribution(effect, values)
     noise = {run.id: fit.model.noise(run) for run in campaign.runs}
-    given, seen = (sum(float(np.sum(its[k] * other[k] / n**2)) for k, n in noise.items()) for other in (mine, its))
+    given, seen = (sum(float(np.sum(its[k] * other[k] / n**2)) for k, n in noise.items()) for other in (change, its))
     if seen == 0.0:
         return {}
     values |= {p.name: values[p.name] * given / seen for p in effect.amplitudes(campaign)}

@@ -29,7 +29,7 @@ def log_chance(fit: Identification, kappa2: float) -> float:
     problem, left = fit.problem(fit.model), list[float]()
     for o in fit.outliers:
         k = [column.name for column in fit.model.columns(o.run)].index(o.column)
-        left.append(float(fit.residuals[o.run][o.row, k] / fit.model.noise(fit.model.campaign.run(o.run))[k]))
+        left.append(float(fit.residuals[o.run][o.row, k] / fit.model.noise(o.run)[k]))
     return _log_chance(np.array(left), problem.readings, kappa2)
 
 

@@ -205,7 +205,7 @@ class Tables:
         """The fitted columns of readings (N, ny, …) in declared noise; what was left out as an outlier carries nothing."""
         chosen = self._fitted[run.id]
         shape = (1, len(chosen), *(1,) * (table.ndim - 2))
-        kept = ~self._left_out[run.id][:, chosen].reshape(len(table), *shape[1:])
+        kept = self.kept(run).reshape(len(table), *shape[1:])
         return np.asarray(table[:, chosen] * (kept / self._noise[run.id][chosen].reshape(shape)))
 
     def kept(self, run: Run) -> Flags:
@@ -271,7 +271,7 @@ class Tables:
         used[len(setup) :] = np.any(rows[:, :, len(setup) :] != 0.0, axis=(0, 1))
         used[-1] = True
         departure = np.array([(self.fit[p.name] - p.mean) / p.sigma for p in own])
-        count = int(np.sum(~self._left_out[run.id][:, self._fitted[run.id]]))
+        count = int(np.sum(self.kept(run)))
         return Table(rows[:, :, used], run.interval, len(setup), at[used[len(setup) :]], departure, count)
 
     def _taken(self, model: Model, name: str) -> bool:
