@@ -37,6 +37,7 @@ OPTIONS: dict[str, tuple[str | None, dict[str, object]]] = {
     "force_friction": ("X", {}),
     "force_ripple": ("X", {"period": 10.0}),
     "gravity_torque": ("B", {}),
+    "load_inertia": ("B", {}),
     "load_moment": ("Y", {}),
     "varying": (None, {"of": make_effect("backlash", "C"), "over": "B"}),
 }

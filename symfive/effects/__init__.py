@@ -31,6 +31,7 @@ from symfive.effects.gravity_torque import GravityTorque
 from symfive.effects.inertial_compliance import InertialCompliance
 from symfive.effects.latency import Latency
 from symfive.effects.lateral_play import LateralPlay
+from symfive.effects.load_inertia import LoadInertia
 from symfive.effects.load_moment import LoadMoment
 from symfive.effects.location_error import LocationError
 from symfive.effects.reversal_spike import ReversalSpike
@@ -84,6 +85,7 @@ _TABLE: tuple[type[Effect], ...] = (
     ForceDelay,
     ForceRipple,
     GravityTorque,
+    LoadInertia,
     SensorLowPass,
     SpindleGrowth,
     AxisGrowth,

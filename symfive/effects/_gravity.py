@@ -14,26 +14,27 @@ DOWN = (0.0, 0.0, -1.0)
 """Direction of gravity in the machine frame where nothing else is said."""
 
 
+def side_of(machine: Machine, axis: str) -> tuple[str, ...]:
+    """The axes on the same side of the chain as `axis`, from the bed outward."""
+    structure = machine.structure
+    return structure.tool if structure.carries(axis) == "tool" else tuple(reversed(structure.workpiece))
+
+
 def carriers(machine: Machine, axis: str) -> tuple[str, ...]:
     """The rotary axes that stand between the bed and `axis`, from the bed outward."""
-    side = _side(machine, axis)
+    side = side_of(machine, axis)
     return tuple(name for name in side[: side.index(axis)] if machine.axes[name].rotary)
 
 
 def later_axes(machine: Machine, axis: str) -> tuple[str, ...]:
     """The axes that `axis` carries, from the bed outward."""
-    side = _side(machine, axis)
+    side = side_of(machine, axis)
     return tuple(side[side.index(axis) + 1 :])
 
 
 def rotary_chain(machine: Machine, axis: str) -> tuple[str, ...]:
     """The rotary axes on the same side of the chain as `axis`, from the bed outward."""
-    return tuple(name for name in _side(machine, axis) if machine.axes[name].rotary)
-
-
-def _side(machine: Machine, axis: str) -> tuple[str, ...]:
-    structure = machine.structure
-    return structure.tool if structure.carries(axis) == "tool" else tuple(reversed(structure.workpiece))
+    return tuple(name for name in side_of(machine, axis) if machine.axes[name].rotary)
 
 
 def gravity_seen(row: Row, names: tuple[str, ...], down: tuple[float, float, float]) -> Any:

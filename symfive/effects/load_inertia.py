@@ -1,0 +1,184 @@
+"""Load inertia: a drive feels the inertia of all that its axis carries, as it stands and moves (W. Khalil & E. Dombre 2002,
+chapter 9)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, Self
+
+import casadi as ca
+import numpy as np
+
+from symfive.arrays import Array
+from symfive.effects._force import ForceEffect, usual_force
+from symfive.effects._gravity import side_of
+from symfive.effects._quantity import Covariance, Quantity, Values, propagate
+from symfive.errors import InputError
+from symfive.instruments.drive_force import DriveForce, FilteredMotion
+from symfive.kinematics import axis_pose
+from symfive.machine import Machine
+from symfive.motion import Acceleration, Signal, Velocity
+from symfive.parameters import Parameter
+from symfive.row import Row
+from symfive.runs import Campaign, Run
+
+FIRST, SECOND = ("x", "y", "z"), ("xx", "yy", "zz", "xy", "xz", "yz")
+USUAL = 0.5
+"""Prior rms of what all moments together add to the recorded force, as a share of its rms: that of an axis which carries others
+is mostly weight and inertia."""
+LEVER = 0.1
+"""Distance of axes that intersect, m."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoadInertia(ForceEffect):
+    """F += Σ_k ∂r_k/∂q · ∫ r̈_k dm in the recording of an axis' drive force, N or Nm.
+
+    Over the rotary axes from this axis outward, k: the body that k turns has the moments ∫x dm (3, kg m) and ∫x xᵀ dm (6, kg m²),
+    x from the origin of k; r̈ is the acceleration that all axes from the bed to k give it. So the inertia that a drive feels
+    changes with the pose of what its axis carries, and whose motion acts back on it; what does not change is the baseline's.
+    `moved`: the axes from the bed to the last of these that move; `usual` prior 1σ of a moment of order 2 (kg m²), of order 1
+    that over the distance of the axes: together they add a share of the recorded force (rms).
+    """
+
+    id = "load_inertia"
+    says = "the inertia of what an axis carries changes with the pose, and couples the axes"
+    hidden_by = "constant inertia and friction of the axis, where the others hardly accelerate"
+    action = "enter masses and centres of gravity of the load in the control (torque feed-forward)"
+    dynamic_only = True
+    moved: tuple[str, ...] = ()
+    cut_off_hz: float = 0.0
+    usual: float = 0.0
+
+    def prepare(self, campaign: Campaign) -> Self:
+        prepared, machine = super().prepare(campaign), campaign.machine
+        runs = [run for run in campaign.runs if self.applies(run)]
+        if not runs:
+            raise InputError(f"{self.key}: no run records the drive force of {self.axis}", remedy="record drive_force")
+        moved = tuple(axis for axis in self._chain(machine) if any(np.ptp(run.commands[axis]) > 0.0 for run in runs))
+        turning = [axis for axis in moved if machine.axes[axis].rotary]
+        if not set(turning) - {self.axis}:
+            raise InputError(f"{self.key}: no other rotary axis of its chain moves", remedy="move one in the recording")
+        prepared = replace(prepared, moved=moved, cut_off_hz=float(runs[0].options.get("low_pass_hz", 0.0)))
+        if self.usual:
+            return prepared
+        each = self._along(campaign) * self._shares(machine)
+        together = float(np.sqrt(np.mean(np.sum(each**2, axis=1))))
+        return replace(prepared, usual=usual_force(campaign, str(self.axis), USUAL) / (together or 1.0))
+
+    def _chain(self, machine: Machine) -> tuple[str, ...]:
+        """From the bed to the last rotary axis."""
+        side = side_of(machine, str(self.axis))
+        return side[: max((n for n, name in enumerate(side) if machine.axes[name].rotary), default=-1) + 1]
+
+    def _bodies(self, machine: Machine) -> tuple[str, ...]:
+        chain = self._chain(machine)
+        later = chain[chain.index(str(self.axis)) :] if self.axis in chain else ()
+        return tuple(name for name in later if machine.axes[name].rotary)
+
+    def _moments(self, machine: Machine) -> tuple[str, ...]:
+        """Of a linear axis the moments of order 1 alone: turning masses shake it."""
+        orders = (*FIRST, *SECOND) if machine.axes[str(self.axis)].rotary else FIRST
+        return tuple(f"{body}.{moment}" for body in self._bodies(machine) for moment in orders)
+
+    def _shares(self, machine: Machine) -> Array:
+        """Prior 1σ of the moments (n,) in units of that of order 2."""
+        origins = [np.array(machine.axes[name].origin) * 1e-3 for name in self._bodies(machine)]
+        lever = max([LEVER, *(float(np.linalg.norm(a - b)) for a in origins for b in origins)])
+        return np.array([1.0 / lever if name.rpartition(".")[2] in FIRST else 1.0 for name in self._moments(machine)])
+
+    def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
+        moments = zip(self._moments(campaign.machine), self._shares(campaign.machine), strict=True)
+        return tuple(
+            self.own(name, "kg m" if name.rpartition(".")[2] in FIRST else "kg m^2", float(share) * (self.usual or 1.0))
+            for name, share in moments
+        )
+
+    def _signals(self, axis: str) -> tuple[Signal, Signal]:
+        if self.cut_off_hz:
+            velocity, acceleration = (FilteredMotion(axis, q, self.cut_off_hz) for q in ("velocity", "acceleration"))
+            return velocity, acceleration
+        return Velocity(axis), Acceleration(axis)
+
+    def signals(self) -> tuple[Signal, ...]:
+        return tuple(signal for axis in self.moved for signal in self._signals(axis))
+
+    def apply(self, row: Row) -> None:
+        motion = {axis: (row.axis[axis], *map(row.signal, self._signals(axis))) for axis in self.moved}
+        still = {axis: (row.axis[axis], 0.0, 0.0) for axis in self._chain(row.machine)}
+        sizes = ca.vertcat(*(self.parameter(row, name) for name in self._moments(row.machine)))
+        row.add_reading(DriveForce.name, ca.dot(self._slopes(row.machine, still | motion), sizes))
+
+    def _slopes(self, machine: Machine, motion: dict[str, tuple[Any, Any, Any]]) -> Any:
+        """The force (n,) of a unit of each moment, from position, velocity and acceleration of the axes of the chain (mm, rad,
+        s)."""
+        own, side = machine.axes[str(self.axis)], machine.structure.carries(str(self.axis))
+        turn, at, spin = (
+            ca.DM.eye(3),
+            ca.DM(3, 1),
+            ca.DM(3, 1),
+        )  # of the body: attitude, its point `mark` (m) and angular rate,
+        mark, swing, push = ca.DM(3, 1), ca.DM(3, 1), ca.DM(3, 1)  # angular acceleration and acceleration of that point
+        along, foot, found = ca.DM(3, 1), ca.DM(3, 1), []
+        sign, bodies = (-1.0 if side == "workpiece" else 1.0), self._bodies(machine)
+        for name in self._chain(machine):
+            axis = machine.axes[name]
+            position, rate, change = (sign * part * (1.0 if axis.rotary else 1e-3) for part in motion[name])
+            outward = turn @ ca.DM(axis.direction)
+            if axis.rotary:
+                arm = turn @ (ca.DM(axis.origin) * 1e-3 - mark)
+                at, push, mark = at + arm, push + _field(spin, swing) @ arm, ca.DM(axis.origin) * 1e-3
+                swing = swing + outward * change + ca.cross(spin, outward) * rate
+                spin = spin + outward * rate
+            else:
+                push = push + outward * change + 2.0 * ca.cross(spin, outward) * rate
+                push = push + _field(spin, swing) @ (outward * position)
+                at = at + outward * position
+            if name == self.axis:
+                along, foot = sign * outward, at
+            turn = turn @ axis_pose(axis, side, motion[name][0], {}, {}).rotation
+            if name not in bodies:
+                continue
+            grows = _field(spin, swing) @ turn
+            if not own.rotary:
+                found += [ca.dot(along, grows[:, i]) for i in range(3)]
+                continue
+            found += [ca.dot(along, ca.cross(at - foot, grows[:, i]) + ca.cross(turn[:, i], push)) for i in range(3)]
+            for word in SECOND:
+                i, j = ("xyz".index(letter) for letter in word)
+                torque = ca.cross(turn[:, i], grows[:, j]) + (i != j) * ca.cross(turn[:, j], grows[:, i])
+                found.append(ca.dot(along, torque))
+        return ca.vertcat(*found)
+
+    def _along(self, campaign: Campaign) -> Array:
+        """The force of a unit of each moment along the commanded motion of all runs (N, n)."""
+        machine, chain = campaign.machine, self._chain(campaign.machine)
+        symbols = ca.SX.sym("motion", 3 * len(chain))
+        each = {axis: (symbols[3 * n], symbols[3 * n + 1], symbols[3 * n + 2]) for n, axis in enumerate(chain)}
+        slopes = ca.Function("slopes", [symbols], [self._slopes(machine, each)])
+        ways = [
+            np.concatenate([_motion(run, machine, axis) for axis in chain])
+            for run in campaign.runs
+            if self.applies(run)
+        ]
+        return np.concatenate([np.asarray(slopes.map(way.shape[1])(way)) for way in ways], axis=1).T
+
+    def describe(self, campaign: Campaign, values: Values, covariance: Covariance) -> dict[str, Quantity]:
+        """`amplitude`: rms of what it adds to the force along the commanded motion; and every moment."""
+        table, names = self._along(campaign), [p.name for p in self.parameters(campaign)]
+        (size,), (std,) = propagate(lambda p: [float(np.sqrt(np.mean((table @ p) ** 2)))], names, values, covariance)
+        unit = "Nm" if self.its_axis(campaign).rotary else "N"
+        return {"component": Quantity(f"force of {self.axis}"), "amplitude": Quantity(float(size), float(std), unit),
+                **super().describe(campaign, values, covariance)}  # fmt: skip
+
+
+def _field(spin: Any, swing: Any) -> Any:
+    """The matrix (3, 3) by which a place of a turning body is accelerated."""
+    return ca.skew(swing) + ca.skew(spin) @ ca.skew(spin)
+
+
+def _motion(run: Run, machine: Machine, axis: str) -> Array:
+    """Commanded position, velocity and acceleration of an axis along a run (3, N), mm or rad, s."""
+    position = run.commands[axis] * machine.axes[axis].to_internal
+    velocity = np.gradient(position, run.time)
+    return np.stack([position, velocity, np.gradient(velocity, run.time)])
