@@ -32,10 +32,10 @@ SIDES = {"w b X J1 Y J2 J3 t": 1.0, "w J3' J2' Y' J1' X' b t": -1.0}
 """Structures, and the sign of a coordinate in them."""
 
 
-def moving(structure: str, axis: str, names: tuple[str, ...] = ORDER) -> Campaign:
+def moving(structure: str, axis: str, names: tuple[str, ...] = ORDER, rows: int = 2001) -> Campaign:
     """The drive force of one axis while some axes move."""
     machine = Machine(name="arm", structure=Structure.parse(structure), axes=AXES, errors={})
-    time = np.arange(900) * 0.01
+    time = np.linspace(0.0, 5.0 * np.pi, rows)  # it ends at rest
     commands = {name: way(ORDER.index(name), time) * (name in names) for name in ORDER}
     run = Run(id="f", instrument=("drive_force",), sampling="dynamic", time=time, commands=commands, noise_um=0.02,
               options={"axis": axis, "between": "curve"})  # fmt: skip
@@ -43,7 +43,7 @@ def moving(structure: str, axis: str, names: tuple[str, ...] = ORDER) -> Campaig
 
 
 def way(number: int, time: np.ndarray) -> np.ndarray:
-    """Motion of the axis of this number, mm or degree; without a motion of its own at the beginning."""
+    """Motion of the axis of this number, mm or degree, from rest to rest."""
     return 30.0 * np.sin((1.0 + 0.2 * number) * time) ** 3
 
 
@@ -104,7 +104,7 @@ def test_force_is_that_of_point_masses(structure: str, axis: str) -> None:
     model = Model(plan, [make_effect("load_inertia", axis)])
     at = model.vector(model.named(model.start) | moments(axis))
     added = model.contribution(model.effects[0], at)["f"][:, 0]
-    rows = np.arange(40, 880, 60)
+    rows = np.arange(40, 1960, 160)
     expected = np.array([newton(axis, SIDES[structure], plan.runs[0].time[row]) for row in rows])
     np.testing.assert_allclose(added[rows], expected, atol=2e-3 * np.abs(expected).max())
     assert_exact(model, list(moments(axis)))
@@ -119,11 +119,16 @@ def test_it_needs_another_axis_that_turns() -> None:
 
 def test_the_inertia_of_the_load_is_named_where_the_other_axes_turn() -> None:
     """A drive's torque while the arm that it carries folds and unfolds; alone the axis has one inertia."""
-    plan = moving("w b X J1 Y J2 J3 t", "J1")
+    plan = moving("w b X J1 Y J2 J3 t", "J1", rows=601)
     (run,) = plan.runs
-    speed = np.gradient(np.radians(run.commands["J1"]), run.time)
+    rate = 1.2  # of J1: d/dt and d²/dt² of sin³
+    s, c = np.sin(rate * run.time), np.cos(rate * run.time)
+    speed, acceleration = (
+        np.radians(30.0) * 3.0 * rate * s**2 * c,
+        np.radians(30.0) * 3.0 * rate**2 * (2.0 * s * c**2 - s**3),
+    )
     load = np.array([newton("J1", 1.0, t) for t in run.time])
-    plain = np.gradient(speed, run.time) + 0.5 * speed + 0.2 * np.clip(speed / np.radians(0.1), -1.0, 1.0)
+    plain = acceleration + 0.5 * speed + 0.2 * np.clip(speed / np.radians(0.1), -1.0, 1.0)
     noise = np.random.default_rng(3).normal(0.0, 0.02, run.rows)
     found = diagnose(replace(plan, runs=(replace(run, readings={"J1_torque_Nm": plain + load + noise}),)))
     assert [(f.name, f.axis) for f in found.findings] == [("load_inertia", "J1")]
