@@ -28,6 +28,8 @@ USUAL = 0.5
 is mostly weight and inertia."""
 LEVER = 0.1
 """Distance of axes that intersect, m."""
+SEEN = 1e-3
+"""A combination of moments that adds less than this share of what all together add does not matter."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,8 +39,9 @@ class LoadInertia(ForceEffect):
     Over the rotary axes from this axis outward, k: the body that k turns has the moments ∫x dm (3, kg m) and ∫x xᵀ dm (6, kg m²),
     x from the origin of k; r̈ is the acceleration that all axes from the bed to k give it. So the inertia that a drive feels
     changes with the pose of what its axis carries, and whose motion acts back on it; what does not change is the baseline's.
-    `moved`: the axes from the bed to the last of these that move; `usual` prior 1σ of a moment of order 2 (kg m²), of order 1
-    that over the distance of the axes: together they add a share of the recorded force (rms).
+    Only some combinations of the moments matter (M. Gautier & W. Khalil 1990): the rows of `combined`, found from the commanded
+    motion, each with its amplitude, the rms of the force that it adds, of prior 1σ `usual`. `moved`: the axes of the chain that
+    move.
     """
 
     id = "load_inertia"
@@ -48,7 +51,8 @@ class LoadInertia(ForceEffect):
     dynamic_only = True
     moved: tuple[str, ...] = ()
     cut_off_hz: float = 0.0
-    usual: float = 0.0
+    combined: tuple[tuple[float, ...], ...] = ()
+    usual: tuple[float, ...] = ()
 
     def prepare(self, campaign: Campaign) -> Self:
         prepared, machine = super().prepare(campaign), campaign.machine
@@ -62,9 +66,14 @@ class LoadInertia(ForceEffect):
         prepared = replace(prepared, moved=moved, cut_off_hz=float(runs[0].options.get("low_pass_hz", 0.0)))
         if self.usual:
             return prepared
-        each = self._along(campaign) * self._shares(machine)
-        together = float(np.sqrt(np.mean(np.sum(each**2, axis=1))))
-        return replace(prepared, usual=usual_force(campaign, str(self.axis), USUAL) / (together or 1.0))
+        shares = self._shares(machine)
+        each = self._along(campaign) * shares
+        _, size, turn = np.linalg.svd(each / np.sqrt(len(each)), full_matrices=False)
+        together = float(np.linalg.norm(size))
+        seen = size > SEEN * together
+        usual = usual_force(campaign, str(self.axis), USUAL) / together * size[seen]
+        rows = turn[seen] * shares / size[seen, None]
+        return replace(prepared, combined=tuple(tuple(map(float, row)) for row in rows), usual=tuple(map(float, usual)))
 
     def _chain(self, machine: Machine) -> tuple[str, ...]:
         """From the bed to the last rotary axis."""
@@ -82,17 +91,14 @@ class LoadInertia(ForceEffect):
         return tuple(f"{body}.{moment}" for body in self._bodies(machine) for moment in orders)
 
     def _shares(self, machine: Machine) -> Array:
-        """Prior 1σ of the moments (n,) in units of that of order 2."""
+        """Usual sizes of the moments (n,) in units of those of order 2."""
         origins = [np.array(machine.axes[name].origin) * 1e-3 for name in self._bodies(machine)]
         lever = max([LEVER, *(float(np.linalg.norm(a - b)) for a in origins for b in origins)])
         return np.array([1.0 / lever if name.rpartition(".")[2] in FIRST else 1.0 for name in self._moments(machine)])
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
-        moments = zip(self._moments(campaign.machine), self._shares(campaign.machine), strict=True)
-        return tuple(
-            self.own(name, "kg m" if name.rpartition(".")[2] in FIRST else "kg m^2", float(share) * (self.usual or 1.0))
-            for name, share in moments
-        )
+        unit = "Nm" if self.its_axis(campaign).rotary else "N"
+        return tuple(self.own(f"{number}", unit, sigma) for number, sigma in enumerate(self.usual, start=1))
 
     def _signals(self, axis: str) -> tuple[Signal, Signal]:
         if self.cut_off_hz:
@@ -106,8 +112,10 @@ class LoadInertia(ForceEffect):
     def apply(self, row: Row) -> None:
         motion = {axis: (row.axis[axis], *map(row.signal, self._signals(axis))) for axis in self.moved}
         still = {axis: (row.axis[axis], 0.0, 0.0) for axis in self._chain(row.machine)}
-        sizes = ca.vertcat(*(self.parameter(row, name) for name in self._moments(row.machine)))
-        row.add_reading(DriveForce.name, ca.dot(self._slopes(row.machine, still | motion), sizes))
+        sizes = ca.vertcat(*(self.parameter(row, f"{number}") for number in range(1, len(self.usual) + 1)))
+        row.add_reading(
+            DriveForce.name, ca.dot(ca.DM(self.combined) @ self._slopes(row.machine, still | motion), sizes)
+        )
 
     def _slopes(self, machine: Machine, motion: dict[str, tuple[Any, Any, Any]]) -> Any:
         """The force (n,) of a unit of each moment, from position, velocity and acceleration of the axes of the chain (mm, rad,
@@ -164,12 +172,14 @@ class LoadInertia(ForceEffect):
         return np.concatenate([np.asarray(slopes.map(way.shape[1])(way)) for way in ways], axis=1).T
 
     def describe(self, campaign: Campaign, values: Values, covariance: Covariance) -> dict[str, Quantity]:
-        """`amplitude`: rms of what it adds to the force along the commanded motion; and every moment."""
-        table, names = self._along(campaign), [p.name for p in self.parameters(campaign)]
-        (size,), (std,) = propagate(lambda p: [float(np.sqrt(np.mean((table @ p) ** 2)))], names, values, covariance)
-        unit = "Nm" if self.its_axis(campaign).rotary else "N"
-        return {"component": Quantity(f"force of {self.axis}"), "amplitude": Quantity(float(size), float(std), unit),
-                **super().describe(campaign, values, covariance)}  # fmt: skip
+        """`amplitude`: rms of what it adds to the force along the commanded motion."""
+        names = [p.name for p in self.parameters(campaign)]
+        (size,), (std,) = propagate(lambda p: [float(np.linalg.norm(p))], names, values, covariance)
+        quantity, unit = ("torque", "Nm") if self.its_axis(campaign).rotary else ("force", "N")
+        return {
+            "component": Quantity(f"{quantity} of {self.axis}"),
+            "amplitude": Quantity(float(size), float(std), unit),
+        }
 
 
 def _field(spin: Any, swing: Any) -> Any:
