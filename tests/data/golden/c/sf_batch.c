@@ -1,6 +1,6 @@
 /*
  * sf_batch.c: see sf_batch.h. Made by symfive 0.1.0; change the model, not this file.
- * model sha256 13409fc67291d724fbbb9466096b0f029d47c9a44b21fe7d974c87c4a45bf0db
+ * model sha256 74a1813ac4abe34ed5aac8b3a152445812b6762ed1acfd3276113623cfb8024c
  */
 #include <math.h>
 #include "sf_batch.h"
@@ -115,7 +115,7 @@ size_t sf_batch_lanes(void)
 
 const char *sf_batch_model(void)
 {
-    return "13409fc67291d724fbbb9466096b0f029d47c9a44b21fe7d974c87c4a45bf0db";
+    return "74a1813ac4abe34ed5aac8b3a152445812b6762ed1acfd3276113623cfb8024c";
 }
 
 void sf_batch_prepare(const double *tool, const double *p, double *c)

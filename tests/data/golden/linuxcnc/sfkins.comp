@@ -1,6 +1,6 @@
 component sfkins "Kinematics of tilting table BC with its identified errors, one pin each";
 description """
-Made by symfive 0.1.0; change the model, not this file. model sha256 13409fc67291d724fbbb9466096b0f029d47c9a44b21fe7d974c87c4a45bf0db
+Made by symfive 0.1.0; change the model, not this file. model sha256 74a1813ac4abe34ed5aac8b3a152445812b6762ed1acfd3276113623cfb8024c
 
 Structure w C' B' X' Y' b Z t, joints in the order X Y Z B C; joint and world coordinates in mm and degree.
 A pin per parameter (um, urad as in sf.h) begins with its identified value; all at 0 is the machine without errors.
