@@ -14,9 +14,12 @@ from codegen_world import EVERY, STRICT, TOOL, fitted, loaded, needs, run
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from symfive.campaign import Campaign, Run
 from symfive.codegen import Subject, codegen, subject_of
+from symfive.effects import EFFECTS, Form
 from symfive.errors import InputError
 from symfive.machine import EffectEntry, ErrorTerm, Machine, Structure, make_axis, preset
+from symfive.model import Model
 
 compiled = codegen_world.compiled  # fixture
 
@@ -152,6 +155,35 @@ def test_static_effects_are_in_and_the_others_are_named(tmp_path) -> None:
     needs("gcc")
     run("gcc", *STRICT, "-O1", "sf.c", "sf_selftest.c", "-lm", "-o", "selftest", cwd=tmp_path / "c")
     assert "0 failures" in run("./selftest", cwd=tmp_path / "c")
+
+
+@pytest.mark.parametrize("name", ["head-bc", "table-bc"])
+def test_every_static_effect_moves_the_tool_as_in_the_model(name) -> None:
+    """By readings of an R-test; what hangs on the ball of a run cannot be in a control."""
+    machine, rng, rows = replace(preset(name), errors={}), np.random.default_rng(0), 8
+    commands = {axis.name: rng.uniform(*(0.1 * np.array(axis.travel)), rows) for axis in machine.axes.values()}
+    nest = np.array([30.0, 20.0, 50.0])
+    campaign = Campaign(machine=machine, runs=(
+        Run(id="r", instrument=("r_test",), sampling="static", time=np.arange(1.0, rows + 1), commands=commands,
+            table_ball=tuple(nest), tool_ball=TOOL),
+    ))  # fmt: skip
+    left_out = {}
+    for form in (form for effect in EFFECTS.values() for form in effect.candidates(campaign) if isinstance(form, Form)):
+        try:
+            form.effect.prepare(campaign)
+        except InputError:
+            continue  # not of this machine
+        subject = subject_of(fitted(machine, effects=(form.effect,)))
+        left_out |= dict(subject.left_out)
+        if subject.effects:
+            model = Model(campaign, effects=(form.effect,))
+            values = dict(zip((p.name for p in subject.parameters), subject.values, strict=True))
+            read = model.predict_run("r", [values.get(p.name, 0.0) for p in model.parameters]).reshape(rows, 3)
+            q = np.stack([commands[axis] * machine.axes[axis].to_internal for axis in subject.axes], axis=1)
+            moved = [1e3 * (subject.function()(row, TOOL, subject.values)[0].full()[:, 0] - nest) for row in q]
+            assert np.array(moved) == pytest.approx(read, abs=1e-6), form.effect.key
+    hung = {key.split(".")[0] for key, reason in left_out.items() if "ball on the table" in reason}
+    assert hung == ({"load_moment"} if name == "table-bc" else set())
 
 
 @pytest.mark.parametrize(

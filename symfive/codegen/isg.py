@@ -67,7 +67,8 @@ def _errors(subject: Subject) -> _Errors:
     """The model's errors of every axis, by what they depend on."""
     machine, values = subject.machine, ca.DM(list(subject.values))
     q, p = ca.SX.sym("q", len(subject.axes)), ca.SX.sym("p", len(subject.parameters))
-    row = subject.row(q, p)
+    tool = ca.SX.sym("tool", 3)
+    row = subject.row(q, p, tool)
     for name in {name[2:].lstrip("0") for name in (*row.location, *row.motion)}:
         if name not in LETTERS or machine.axes[name].rotary != (name in "ABC"):
             problem = f"the table has no {machine.axes[name].kind} axis called {name}"
@@ -90,6 +91,7 @@ def _errors(subject: Subject) -> _Errors:
     motions: dict[str, dict[str, Any]] = {}
     for name, motion in row.motion.items():
         over = [axis for i, axis in enumerate(subject.axes) if ca.depends_on(motion, q[i])]
+        over += ["the tool's length"] if ca.depends_on(motion, tool) else []
         if over in ([], [name[2:]]):
             motions.setdefault(name[2:], {})[name] = motion
         else:
