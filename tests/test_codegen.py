@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 from dataclasses import replace
 from functools import lru_cache
 
@@ -212,6 +213,8 @@ def test_machines_without_errors_or_inverse(tmp_path) -> None:
             "gcc", *STRICT, "-O1", "my_machine.c", "my_machine_selftest.c", "-lm", "-o", "selftest", cwd=tmp_path / name
         )
         assert "0 failures" in run("./selftest", cwd=tmp_path / name)
+        for compiler in filter(shutil.which, ("gcc", "clang")):
+            run(compiler, "-std=gnu99", "-Wall", "-Wextra", "-Werror", "-c", "my_machine_batch.c", cwd=tmp_path / name)
         assert ("my_machine_inverse(" in (tmp_path / name / "my_machine.h").read_text()) == (name == "ideal")
 
 
