@@ -28,6 +28,7 @@ from symfive.procedures import (
     rotary_circle,
     synchronous_circle,
 )
+from symfive.results import write_identification
 from symfive.simulate import simulate
 from symfive.standards import (
     FAIL,
@@ -127,6 +128,15 @@ def test_squareness_has_the_sign_and_size_of_the_angle_between_the_axes():
         assert value.value == pytest.approx(-60.0, abs=2.0 * value.u) and 0.0 < value.u < 2.0
     g = next(value.value for value in standard_values(campaign) if value.name == "G")
     assert g == pytest.approx(100.0 * 60.0e-3, abs=2.5)  # R·S, and the noise of two readings
+
+
+def test_the_page_writes_a_value_and_its_uncertainty_as_the_command_does(tmp_path: Path) -> None:
+    campaign = _circles(EC0X=60.0)
+    write_identification(identify(campaign), tmp_path)
+    page = (tmp_path / "identification.html").read_text()
+    for value in standard_values(campaign):
+        number, spread = re.search(r"= (\S+) \S+, U = (\S+)", value.words).groups()
+        assert re.search(rf">{re.escape(number)}</td>\s*<td[^>]*>{re.escape(spread)}<", page), value.words
 
 
 def test_a_ball_beside_the_centre_is_no_squareness() -> None:
