@@ -347,5 +347,8 @@ def test_advice():
     assert "Correct the machine now" in trend_text(beyond)
     with pytest.raises(InputError, match="no visit identified 'EX9C'"):
         trend_of(visits, [], tolerances={"EX9C": 1.0})
+    for none in (0.0, -3.0, np.nan):
+        with pytest.raises(InputError, match="the tolerance of EA0C is"):
+            trend_of(visits, [], tolerances={"EA0C": none})
     with pytest.raises(InputError, match="no visits"):
         trend_of([], [])

@@ -31,7 +31,7 @@ def machine_page(trend: Trend) -> str:
     sentences = [f"{alarm_sentence(trend, number)}." for number in newest]
     sentences += [forecast_sentence(f, trend) for f in trend.forecasts if f.tolerance is not None]
     sentences += [advice(trend)] if trend.come_back is not None else []
-    stated = f"The limits allow at most {plain_number(10 * trend.rate)} false alarms in ten years."
+    stated = f"False alarms expected: at most {plain_number(10 * trend.rate)} in ten years."
     return _filled(
         "machine.html", f"History of {trend.machine.name}", machine=trend.machine, visits=trend.visits, open=count,
         headline=f"{headline}.", sentences=sentences, changes=_changes(trend), charts=charts_of(trend),

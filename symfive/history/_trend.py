@@ -126,16 +126,18 @@ def trend_of(
     """The trend of one machine's visits, in the order of their dates. `tolerances` ± of errors by name, file units. What is
     already `watched` of the same visits and events at the same `rate` is not watched again.
 
-    Raises `InputError` where there is no visit, or a tolerance is of an error that no visit holds.
+    Raises `InputError` where there is no visit, or a tolerance is of an error that no visit holds or not above 0.
     """
     if not visits:
         raise InputError("the machine has no visits", remedy="add results with symfive history add")
     visits = sorted(visits, key=lambda visit: visit.order)
     data = information_of(visits)
-    for name in tolerances or {}:
+    for name, value in (tolerances or {}).items():
         if name not in data.names:
             problem = f"no visit identified {shown(name)}"
             raise InputError(problem, remedy=f"use one of {', '.join(data.names[:12])}")
+        if not value > 0.0:
+            raise InputError(f"the tolerance of {name} is {value:g}", remedy="write how far it may be from zero")
     readings, warmth = readings_of(data), _warmth(visits)
     if watched is None:
         watched = watch_visits(visits, events, data, readings, warmth, rate)
