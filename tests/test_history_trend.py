@@ -54,6 +54,8 @@ def test_a_step_is_measured_with_its_uncertainty_and_named():
         d, s, _ = change.errors[name]
         assert change.changed and abs(d - size) < 4.0 * s and change.causes[0].names[0] == name
         assert str(change).startswith(f"From {first.date} to {second.date}: changed")
+        explained, each = str(change).split("The change of each error")
+        assert name in explained and all(error in each for error in change.errors)
         reverse = change_between(second, first)
         assert reverse.errors[name][0] == pytest.approx(-d) and reverse.chance == pytest.approx(change.chance)
 
