@@ -218,6 +218,15 @@ def test_machines_without_errors_or_inverse(tmp_path) -> None:
         assert ("my_machine_inverse(" in (tmp_path / name / "my_machine.h").read_text()) == (name == "ideal")
 
 
+def test_the_page_has_every_function_and_status_of_the_header(compiled) -> None:
+    folder = compiled.folder("tsutsumi-2007")
+    header, page = (folder / "sf.h").read_text(), (folder / "sf.html").read_text()
+    functions = set(re.findall(r"(sf_\w+)\(", re.sub(r"/\*.*?\*/", "", header, flags=re.DOTALL)))
+    assert functions == set(re.findall(r"<td><code>(sf_\w+)</code>", page))
+    codes = re.findall(r"#define (SF_[A-Z_]+) (\d) +/\* \D", header)
+    assert all(f"<code>{name}</code> ({number})" in page for name, number in codes if name != "SF_P_SIZE")
+
+
 @pytest.mark.parametrize(
     ("source", "more", "says"),
     [

@@ -77,8 +77,9 @@ def sheet_files(subject: Subject, prefix: str, control: str) -> dict[str, str]:
 
 
 IDENTIFIED = (
-    "U is the expanded uncertainty (k = 2) of the change, from the fit alone: drift, another mounting of the instrument and its "
-    "calibration come on top. A change below its uncertainty or below the control's resolution is not entered."
+    "U is the expanded uncertainty (k = 2) of the change, from the fit alone. It counts on the 1σ that the campaign states for "
+    "the set-up (where the tool ball is, how long the bar); drift, another mounting of the instrument and its calibration come "
+    "on top. A change below its uncertainty or below the control's resolution is not entered."
 )
 NOT_MEASURED = "Nothing is identified yet, so that no uncertainty is known and nothing is to be entered."
 
