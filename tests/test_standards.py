@@ -214,6 +214,25 @@ def test_positioning_by_hand(tmp_path: Path):
     assert found["B"].u == pytest.approx(2.0 * 0.3 * math.sqrt(2.0 / 5.0), rel=1e-3)
 
 
+def test_positioning_of_a_rotary_axis_by_hand():
+    machine, rng, stops = preset("table-bc"), np.random.default_rng(7), [-170.0, -110.3, -31.7, 42.9, 101.1, 158.2]
+    way = [s for _ in range(5) for s in (-175.0, *stops, 175.0, *stops[::-1])] + [-175.0]
+    deviation = rng.normal(0.0, 4.0, len(way)) + 20.0 * np.sin(np.radians(way))
+    run = Run(
+        id="c", instrument=("laser",), sampling="static", time=np.arange(float(len(way))), options={"axis": "C"}, noise_um=1.0,
+        commands={**{n: np.zeros(len(way)) for n in machine.axes}, "C": np.array(way)}, readings={"C_dev_urad": deviation},
+    )  # fmt: skip
+    rows = range(1, len(way))
+    up = [[float(deviation[k]) for k in rows if way[k] == t > way[k - 1]] for t in stops]
+    down = [[float(deviation[k]) for k in rows if way[k] == t < way[k - 1]] for t in stops]
+    found = {value.title: value for value in standard_values(Campaign(machine=machine, runs=(run,)))}
+    for name, value in _by_hand(up, down).items():
+        first, _, side = name.partition(" ")
+        assert found[f"{first} C {side}".strip()].value == pytest.approx(value, rel=1e-9), name
+    assert {value.unit for value in found.values()} == {"urad"}
+    assert found["A C"].conditions["targets"] == "6 from -170 to 158.2 °" and "µrad" in found["A C"].words
+
+
 REPORTS = {
     "ecmc-iso230/report.md": "X", "ess-xyz/b02_x_target_x.md": "X", "ess-xyz/b02_y_report_target_y.md": "Y",
     "ess-xyz/b02_z_report_z.md": "Z",
