@@ -233,6 +233,21 @@ def test_positioning_of_a_rotary_axis_by_hand():
     assert found["A C"].conditions["targets"] == "6 from -170 to 158.2 °" and "µrad" in found["A C"].words
 
 
+def test_readings_that_are_rounded_alike_are_not_exact():
+    """The uncertainty of a range of means of n readings: 2 σ √(2/n), of a reversal the same; the deviations are all equal."""
+    machine, stops, cycles = MACHINE, [-200.0, -80.5, 10.0, 90.5, 180.0], 5
+    way = np.array([s for _ in range(cycles) for s in (-210.0, *stops, 210.0, *stops[::-1])])
+    run = Run(
+        id="x", instrument=("laser",), sampling="static", time=np.arange(float(len(way))), options={"axis": "X"}, noise_um=0.3,
+        commands={"X": way, "Y": 0.0 * way, "Z": 0.0 * way}, readings={"X_dev_um": np.full(len(way), 1.5)},
+    )  # fmt: skip
+    found = {value.title: value for value in standard_values(Campaign(machine=machine, runs=(run,)))}
+    for name in ("E X", "E X up", "E X down", "B X"):
+        assert found[name].value == 0.0
+        assert found[name].u == pytest.approx(0.6 * math.sqrt(2.0 / cycles), rel=0.02), name
+    assert all(value.u > 0.2 for value in found.values())
+
+
 REPORTS = {
     "ecmc-iso230/report.md": "X", "ess-xyz/b02_x_target_x.md": "X", "ess-xyz/b02_y_report_target_y.md": "Y",
     "ess-xyz/b02_z_report_z.md": "Z",

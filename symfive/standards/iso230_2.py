@@ -32,7 +32,8 @@ SAME = 1e-3
 """Commands so near each other (mm or degree) are one target."""
 LEAST, ASKED = 2, 5
 """Approaches from one side that a standard deviation needs, and that the standard asks for."""
-STEP = 1e-6
+STEP, BESIDE = 1e-6, 1e-3
+"""Of the differences, and of what parts equal readings: far below what a laser resolves (µm, µrad)."""
 Quantity = Callable[[Array, Array], float]
 
 
@@ -125,9 +126,10 @@ def _of_test(campaign: Campaign, runs: Sequence[Run]) -> list[StandardValue]:
 
 
 def _slope(of: Callable[..., float], parts: Sequence[Array]) -> float:
-    """The gradient's length, by central differences: the quantities are piecewise smooth in a few hundred readings."""
-    square = 0.0
-    moved = [part.copy() for part in parts]
+    """The gradient's length, by central differences: the quantities are piecewise smooth in a few hundred readings. Where two
+    targets are equally extreme (readings are rounded) there is no gradient, so it is taken a little beside."""
+    square, beside = 0.0, np.random.default_rng(0)
+    moved = [part + beside.uniform(-BESIDE, BESIDE, part.shape) for part in parts]
     for part in moved:
         for place in np.ndindex(part.shape):
             kept = part[place]
