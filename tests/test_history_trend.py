@@ -341,6 +341,14 @@ def test_the_band_of_the_forecast_holds_the_true_date():
     assert told >= 6 and inside >= 0.8 * told
 
 
+def test_a_temperature_that_nobody_recorded_is_not_stated():
+    visits = Past(13, visits=20).drawn()
+    bare = [replace(visit, temperature=None) for visit in visits]
+    assert trend_of(bare, []).to_data()["temperature_C"] is None and "°C" not in trend_text(trend_of(bare, []))
+    warm = [replace(visit, temperature=21.0) for visit in visits]
+    assert trend_of(warm, []).temperature == pytest.approx(21.0) and "at 21 °C" in trend_text(trend_of(warm, []))
+
+
 def test_advice():
     visits = Past(13, visits=104, ageing=6.0).drawn()
     trend = trend_of(visits, [], tolerances={"EA0C": 1e4})
