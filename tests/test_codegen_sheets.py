@@ -49,6 +49,17 @@ def test_the_isg_table_holds_what_a_diagnosis_has_found(tmp_path) -> None:
     assert "scale_error.X" in left_out and "sag" not in left_out and "location" not in left_out
 
 
+@pytest.mark.parametrize(("control", "held"), [("siemens", ("EY0A", "EB0A")), ("fanuc", ("EY0A",))])
+def test_a_sheet_names_what_it_does_not_correct_and_nothing_else(tmp_path, control, held) -> None:
+    """A location error that a diagnosis has found stands in the rows like those of the machine file."""
+    whole, found = preset("tsutsumi-2007"), ("EY0A", "EB0A", "EC0X")
+    machine = replace(whole, errors={n: t for n, t in whole.errors.items() if n not in found})
+    effects = tuple(make_effect("location_error", component=name) for name in found)
+    (path,) = codegen(fitted(machine, effects=effects), tmp_path, target=control)
+    (said,) = re.findall(r"Not corrected by this sheet: ([^<]*)", path.read_text())
+    assert [name in said for name in found] == [name not in held for name in found]
+
+
 def test_an_axis_without_a_letter_in_the_isg_table_is_refused(tmp_path) -> None:
     text = (
         'schema = "symfive.machine/1"\nname = "quill"\nstructure = "w Y\' X\' b Z W t"\n'

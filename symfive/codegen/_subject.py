@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -53,6 +53,19 @@ class Subject:
         frame), errors applied."""
         balls = {f"tool_ball.{c}": tool[i] for i, c in enumerate("xyz")}
         return _row(self.machine, self.effects, self.parameters, q, p, balls)
+
+    def changed(self, effect: Effect) -> frozenset[tuple[str, str]]:
+        """What the parameters of one of the `effects` change: (`location`, `EC0B`), (`motion`, `EZB`), (`axis`, `X`), or `shift`
+        and `tool` of the tool as a whole, with an empty name."""
+        q, p, tool = (ca.SX.sym("x", n) for n in (len(self.axes), len(self.parameters), 3))
+        row = replace(self, effects=(effect,)).row(q, p, tool)
+        known = {parameter.name for parameter in machine_parameters(self.machine)}
+        own = ca.vertcat(*(p[i] for i, parameter in enumerate(self.parameters) if parameter.name not in known))
+        parts = {"axis": row.axis, "location": row.location, "motion": row.motion, "shift": {"": row.shift},
+                 "tool": {"": row.tool_ball}}  # fmt: skip
+        return frozenset(
+            (kind, name) for kind, table in parts.items() for name, value in table.items() if ca.depends_on(value, own)
+        )
 
     def function(self) -> ca.Function:
         """(q, tool, p) → the tool's point and direction in the workpiece, and the point's derivatives by q and p: the model's own

@@ -10,7 +10,7 @@ positions in rad and degree as the comments in the file say: units are a draft t
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
@@ -86,7 +86,7 @@ def _errors(subject: Subject) -> _Errors:
     left_out += [
         f"{effect.key}: changes the position of an axis or of the tool, which the format has no column for"
         for effect in subject.effects
-        if _displaces(replace(subject, effects=(effect,)).row(q, p), p)
+        if any(kind in ("axis", "shift", "tool") for kind, _ in subject.changed(effect))
     ]
     motions: dict[str, dict[str, Any]] = {}
     for name, motion in row.motion.items():
@@ -102,11 +102,6 @@ def _errors(subject: Subject) -> _Errors:
          for axis in subject.axes if axis in motions},
         tuple(left_out),
     )  # fmt: skip
-
-
-def _displaces(row: Any, p: Any) -> bool:
-    """Whether the parameters change more than errors of the axes."""
-    return bool(ca.depends_on(ca.vertcat(*row.axis.values(), row.shift, row.tool_ball), p))
 
 
 def _over(subject: Subject, axis: str, motions: Any, q: Any) -> ca.Function:
