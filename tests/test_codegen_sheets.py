@@ -15,7 +15,7 @@ from symfive.codegen import TARGETS, codegen, subject_of
 from symfive.codegen._lines import axis_lines  # differences of what sheets round
 from symfive.effects import make_effect
 from symfive.errors import InputError
-from symfive.machine import ErrorTerm, preset
+from symfive.machine import ErrorTerm, preset, read_machine
 from symfive.model import FittedModel
 from symfive.procedures import campaign_of, r_test_grid
 
@@ -58,6 +58,18 @@ def test_a_sheet_names_what_it_does_not_correct_and_nothing_else(tmp_path, contr
     (path,) = codegen(fitted(machine, effects=effects), tmp_path, target=control)
     (said,) = re.findall(r"Not corrected by this sheet: ([^<]*)", path.read_text())
     assert [name in said for name in found] == [name not in held for name in found]
+
+
+def test_an_error_motion_that_no_table_can_hold_is_refused(tmp_path) -> None:
+    text = (
+        'schema = "symfive.machine/1"\nname = "endless"\nstructure = "w C\' X\' b Z t"\n[axes.X]\n[axes.Z]\n'
+        '[axes.C]\ntravel = [-1e7, 1e7]\n[errors]\nEXC = { basis = "fourier", order = 60, sigma = 5.0 }\n'
+    )
+    (tmp_path / "endless.toml").write_text(text)
+    model = fitted(read_machine(tmp_path / "endless.toml"))
+    with pytest.raises(InputError, match="error motions of C change too fast"):
+        codegen(model, tmp_path / "out", target="isg")
+    assert not (tmp_path / "out").exists()
 
 
 def test_an_axis_without_a_letter_in_the_isg_table_is_refused(tmp_path) -> None:

@@ -25,6 +25,8 @@ from symfive.machine import Axis, Machine
 LETTERS = "XYZABC"
 STEPS = 72
 """Least steps of a table: over the travel of a linear axis, over a revolution of a rotary one."""
+MOST_STEPS = 200_000
+"""An error motion that jumps would need ever more."""
 INTERPOLATION = 1e-3
 """What a control that interpolates linearly between the rows may miss, in parts of an error's largest value."""
 FORMAT = "{:.17g}"
@@ -116,13 +118,15 @@ def _sampled(axis: Axis, function: ca.Function) -> tuple[Array, Array]:
     """Positions (N,), so near that straight lines between them are good enough, and the error motions (k, N) there."""
     low, high = axis.travel
     steps = STEPS * (max(1, round((high - low) / 360.0)) if axis.rotary else 1)
-    while True:
+    while steps <= MOST_STEPS:
         at = np.linspace(low, high, 2 * steps + 1)
         values = np.asarray(function(at[None, :]).full())
         missed = np.abs(values[:, 1::2] - 0.5 * (values[:, :-1:2] + values[:, 2::2])).max(axis=1)
         if np.all(missed <= INTERPOLATION * np.abs(values).max(axis=1)):
             return at[::2], values[:, ::2]
         steps *= 2
+    problem = f"the error motions of {axis.name} change too fast for a table of {MOST_STEPS} rows"
+    raise InputError(problem, remedy="lower their order, or use the target c")
 
 
 def _note(machine: Machine, left_out: tuple[str, ...], within: list[str]) -> str:
