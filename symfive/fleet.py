@@ -169,7 +169,11 @@ def _folders(campaigns: Sequence[Path | str]) -> list[Path]:
         raise InputError("there is no campaign", remedy="name a folder with campaigns in it")
     found: dict[Path, None] = {}
     for path in (Path(os.path.abspath(name)) for name in campaigns):
-        folder = path.parent if path.suffix == ".toml" else path
+        if path.is_file() and path.name != "campaign.toml":
+            raise InputError(
+                "this is no folder", path=path, remedy="name the folder of a campaign, or one that holds some"
+            )
+        folder = path.parent if path.is_file() else path
         inner = [] if (folder / "campaign.toml").is_file() else sorted(folder.glob("*/campaign.toml"))
         found |= dict.fromkeys(file.parent for file in inner) or {folder: None}
     return list(found)

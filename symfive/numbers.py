@@ -7,7 +7,7 @@ import re
 from typing import Any
 
 __all__ = [
-    "change", "expected_ratio", "in_words", "name_words", "percent", "plain_number", "power_of_ten",
+    "change", "decimals", "expected_ratio", "in_words", "name_words", "percent", "plain_number", "power_of_ten",
     "rounded", "unit_words", "with_std", "with_unit",
 ]  # fmt: skip
 
@@ -31,11 +31,16 @@ def plain_number(value: float, unit: str = "") -> str:
     return text.replace("-", "−")
 
 
+def decimals(std: float) -> int:
+    """Decimals that show two digits of an uncertainty above 0; of 0.0996, which is 0.10, they are two."""
+    return 1 - math.floor(math.log10(float(f"{std:.1e}")))
+
+
 def rounded(value: float, std: float, unit: str = "") -> str:
     """A value to the digits that its uncertainty leaves: two of the 1σ; a plain number where `std` is 0."""
     if not std > RESOLUTION.get(unit.replace("µ", "u"), NOTHING):
         return plain_number(value, unit)
-    digits = 1 - math.floor(math.log10(std))
+    digits = decimals(std)
     if digits < -6:
         return f"{value:.4g}".replace("-", "−")
     text = f"{round(value, digits):.{max(digits, 0)}f}"

@@ -65,6 +65,13 @@ def test_a_wrong_header(symfive, broken, old, new, says):
     refused(answer, "low.csv", "line 1", says)
 
 
+@pytest.mark.parametrize(
+    ("seed", "says"), [("seven", "is not a whole number"), ("1.5", "is not a whole number"), ("-1", "number from 0 to")]
+)
+def test_a_seed_that_is_none(symfive, tmp_path, seed, says):
+    refused(symfive("simulate", NESTS, "-o", tmp_path / "out", "--seed", seed), "--seed", seed, says)
+
+
 FILES = [
     ("empty", lambda p: p.write_bytes(b""), "the file is empty"),
     ("header-only", lambda p: p.write_text(p.read_text().split("\n", 1)[0] + "\n"), "no rows"),

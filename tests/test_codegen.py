@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 from dataclasses import replace
 from functools import lru_cache
 
@@ -14,9 +15,12 @@ from codegen_world import EVERY, STRICT, TOOL, fitted, loaded, needs, run
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from symfive.campaign import Campaign, Run
 from symfive.codegen import Subject, codegen, subject_of
+from symfive.effects import EFFECTS, Form
 from symfive.errors import InputError
 from symfive.machine import EffectEntry, ErrorTerm, Machine, Structure, make_axis, preset
+from symfive.model import Model
 
 compiled = codegen_world.compiled  # fixture
 
@@ -154,6 +158,35 @@ def test_static_effects_are_in_and_the_others_are_named(tmp_path) -> None:
     assert "0 failures" in run("./selftest", cwd=tmp_path / "c")
 
 
+@pytest.mark.parametrize("name", ["head-bc", "table-bc"])
+def test_every_static_effect_moves_the_tool_as_in_the_model(name) -> None:
+    """By readings of an R-test; what hangs on the ball of a run cannot be in a control."""
+    machine, rng, rows = replace(preset(name), errors={}), np.random.default_rng(0), 8
+    commands = {axis.name: rng.uniform(*(0.1 * np.array(axis.travel)), rows) for axis in machine.axes.values()}
+    nest = np.array([30.0, 20.0, 50.0])
+    campaign = Campaign(machine=machine, runs=(
+        Run(id="r", instrument=("r_test",), sampling="static", time=np.arange(1.0, rows + 1), commands=commands,
+            table_ball=tuple(nest), tool_ball=TOOL),
+    ))  # fmt: skip
+    left_out = {}
+    for form in (form for effect in EFFECTS.values() for form in effect.candidates(campaign) if isinstance(form, Form)):
+        try:
+            form.effect.prepare(campaign)
+        except InputError:
+            continue  # not of this machine
+        subject = subject_of(fitted(machine, effects=(form.effect,)))
+        left_out |= dict(subject.left_out)
+        if subject.effects:
+            model = Model(campaign, effects=(form.effect,))
+            values = dict(zip((p.name for p in subject.parameters), subject.values, strict=True))
+            read = model.predict_run("r", [values.get(p.name, 0.0) for p in model.parameters]).reshape(rows, 3)
+            q = np.stack([commands[axis] * machine.axes[axis].to_internal for axis in subject.axes], axis=1)
+            moved = [1e3 * (subject.function()(row, TOOL, subject.values)[0].full()[:, 0] - nest) for row in q]
+            assert np.array(moved) == pytest.approx(read, abs=1e-6), form.effect.key
+    hung = {key.split(".")[0] for key, reason in left_out.items() if "ball on the table" in reason}
+    assert hung == ({"load_moment"} if name == "table-bc" else set())
+
+
 @pytest.mark.parametrize(
     "basis", ["fourier", *(pytest.param(b, marks=pytest.mark.slow) for b in ("bspline", "polynomial"))]
 )
@@ -180,7 +213,18 @@ def test_machines_without_errors_or_inverse(tmp_path) -> None:
             "gcc", *STRICT, "-O1", "my_machine.c", "my_machine_selftest.c", "-lm", "-o", "selftest", cwd=tmp_path / name
         )
         assert "0 failures" in run("./selftest", cwd=tmp_path / name)
+        for compiler in filter(shutil.which, ("gcc", "clang")):
+            run(compiler, "-std=gnu99", "-Wall", "-Wextra", "-Werror", "-c", "my_machine_batch.c", cwd=tmp_path / name)
         assert ("my_machine_inverse(" in (tmp_path / name / "my_machine.h").read_text()) == (name == "ideal")
+
+
+def test_the_page_has_every_function_and_status_of_the_header(compiled) -> None:
+    folder = compiled.folder("tsutsumi-2007")
+    header, page = (folder / "sf.h").read_text(), (folder / "sf.html").read_text()
+    functions = set(re.findall(r"(sf_\w+)\(", re.sub(r"/\*.*?\*/", "", header, flags=re.DOTALL)))
+    assert functions == set(re.findall(r"<td><code>(sf_\w+)</code>", page))
+    codes = re.findall(r"#define (SF_[A-Z_]+) (\d) +/\* \D", header)
+    assert all(f"<code>{name}</code> ({number})" in page for name, number in codes if name != "SF_P_SIZE")
 
 
 @pytest.mark.parametrize(

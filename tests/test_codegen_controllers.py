@@ -197,10 +197,12 @@ def test_the_component_runs_in_hal(tmp_path, kinematics, name) -> None:
     assert joints(refused) == pytest.approx(0.0)
 
 
+@pytest.mark.parametrize("sense", [1.0, -1.0], ids=["ISO 841", "against"])
 @pytest.mark.parametrize("tilt", ["A", "B"])
-def test_places_of_axes_fit_the_stock_kinematics_entirely(tilt) -> None:
+def test_places_of_axes_fit_the_stock_kinematics_entirely(tmp_path, tilt, sense) -> None:
+    """LinuxCNC 2.9 turns the rotary axes against ISO 841; a machine file says so by their directions."""
     across = "Y" if tilt == "A" else "X"
-    machine = _trunnion(tilt)
+    machine = _trunnion(tilt, sense)
     subject = subject_of(fitted(machine, {f"E{across}0{tilt}": 31.0, f"EZ0{tilt}": -17.0, "EX0C": 40.0, "EY0C": -25.0}))
     fit, _ = entered_fit(subject)
     k = "XY".index(across)
@@ -212,14 +214,46 @@ def test_places_of_axes_fit_the_stock_kinematics_entirely(tilt) -> None:
     by_name = {"x-rot": 0, "y-rot": 1, "lateral": 2, "height": 3}  # every error has 1σ 1 µm: sums of independent ones
     assert fit.uncertainty[by_name["height"]] == pytest.approx(2e-3, rel=1e-3)
     assert fit.uncertainty[by_name["y-rot" if tilt == "B" else "x-rot"]] == pytest.approx(2e-3, rel=0.3)
+    (path,) = codegen(machine, tmp_path, target="setp")
+    assert ("1, after ISO 841" in path.read_text()) == (sense > 0.0)
 
 
-def _trunnion(tilt: str) -> Machine:
-    """The preset with the other tilting axis where that is asked for."""
+@pytest.mark.parametrize(
+    ("tilt", "joints"), [("B", [137.8348, -2.223958, -15.01023]), ("A", [93.38089, -61.35493, 31.53947])]
+)
+def test_the_stock_kinematics_turn_against_iso_841(tmp_path, tilt, joints) -> None:
+    """xyzbc- and xyzac-trt-kins of LinuxCNC 2.9.0~pre1 in halrun, with the pins that the file states, tilted by 35° and turned
+    by 70°: what their kinematicsInverse says for (12, -34, 56)."""
+    machine = _trunnion(tilt, -1.0)
+    places = {"C": (30.0, 40.0, 0.0), tilt: (3.0, 7.0, -50.0)}
+    machine = replace(machine, axes={n: replace(a, origin=places.get(n, a.origin)) for n, a in machine.axes.items()})
+    (path,) = codegen(machine, tmp_path / "pins", target="setp")
+    pins = dict(re.findall(r"^setp \S+kins\.(\S+) (\S+)$", path.read_text(), re.MULTILINE))
+    lateral = {"x-offset": -27.0} if tilt == "B" else {"y-offset": -33.0}
+    wanted = {"x-rot-point": 30.0, "y-rot-point": 40.0, "z-rot-point": 0.0, "z-offset": -50.0, **lateral}
+    assert {pin: float(value) for pin, value in pins.items()} == wanted
+    if shutil.which("gcc") is None:
+        pytest.skip("gcc is not installed")
+    kins = Kinematics(machine, tmp_path / "kins")
+    world = np.zeros(9)
+    world[:3], world[WORLD.index(tilt)], world[WORLD.index("C")] = (12.0, -34.0, 56.0), 35.0, 70.0
+    assert kins.joints(world, 0.0, 0.0 * kins.p)[:3] == pytest.approx(joints, rel=1e-6)
+
+
+def test_axes_of_opposite_senses_do_not_fit_the_stock_kinematics(tmp_path) -> None:
+    machine = _trunnion("B")
+    axes = {**machine.axes, "C": replace(machine.axes["C"], direction=(0.0, 0.0, -1.0))}
+    with pytest.raises(InputError, match="both against"):
+        codegen(replace(machine, axes=axes), tmp_path, target="setp")
+
+
+def _trunnion(tilt: str, sense: float = 1.0) -> Machine:
+    """The preset with the other tilting axis, and the other sense of the rotary ones, where that is asked for."""
     whole = preset("table-bc")
     axes = {n: whole.axes[n] for n in "XYZC"} | {
         tilt: make_axis(tilt, travel=(-110.0, 110.0), origin=(0.0, 0.0, -50.0))
     }
+    axes |= {n: replace(axes[n], direction=tuple(sense * v for v in axes[n].direction)) for n in ("C", tilt)}
     names = (f"EX0{tilt}" if tilt == "B" else f"EY0{tilt}", f"EZ0{tilt}", f"EC0{tilt}", "EX0C", "EY0C", "EA0C")
     errors = {n: ErrorTerm(name=n, sigma=50.0) for n in names}
     return Machine(name="trunnion", structure=Structure(("C", tilt, "X", "Y"), ("Z",)), axes=axes, errors=errors)

@@ -22,9 +22,10 @@ ERRORS = ("EC0X", "EX0B", "EA0B", "EX0C", "EA0C", "EXC")
 
 
 def model() -> FittedModel:
-    """A small machine with fixed values."""
+    """A small machine with fixed values, whose table makes one revolution."""
     whole = preset("table-bc")
-    machine = replace(whole, errors={name: whole.errors[name] for name in ERRORS})
+    axes = {**whole.axes, "C": replace(whole.axes["C"], travel=(-180.0, 180.0))}
+    machine = replace(whole, axes=axes, errors={name: whole.errors[name] for name in ERRORS})
     parameters = subject_of(machine).parameters
     names = tuple(p.name for p in parameters)
     values = {name: float(7 * i - 20) for i, name in enumerate(names)}

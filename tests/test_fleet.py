@@ -117,6 +117,13 @@ def test_machines_of_several_kinds_share_a_table(machines: Path, tmp_path: Path)
     assert all((tmp_path / "results" / row.campaign / "identification.json").is_file() for row in table.rows)
 
 
+def test_a_file_that_is_no_campaign_does_not_stand_for_its_folder(machines: Path, tmp_path: Path) -> None:
+    shutil.copytree(machines / "m0", tmp_path / "m0")
+    shutil.copy(tmp_path / "m0" / "machine.toml", tmp_path)
+    with pytest.raises(InputError, match=r"machine\.toml: this is no folder"):
+        fleet([tmp_path / "machine.toml"], tmp_path / "results", figures=False)
+
+
 @pytest.mark.slow
 def test_a_diagnosis_of_all(measured: list[Simulation], machines: Path, tmp_path: Path) -> None:
     [row] = fleet([machines / "m0"], tmp_path / "results", diagnose=True).rows

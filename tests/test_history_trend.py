@@ -54,6 +54,8 @@ def test_a_step_is_measured_with_its_uncertainty_and_named():
         d, s, _ = change.errors[name]
         assert change.changed and abs(d - size) < 4.0 * s and change.causes[0].names[0] == name
         assert str(change).startswith(f"From {first.date} to {second.date}: changed")
+        explained, each = str(change).split("The change of each error")
+        assert name in explained and all(error in each for error in change.errors)
         reverse = change_between(second, first)
         assert reverse.errors[name][0] == pytest.approx(-d) and reverse.chance == pytest.approx(change.chance)
 
@@ -339,6 +341,14 @@ def test_the_band_of_the_forecast_holds_the_true_date():
     assert told >= 6 and inside >= 0.8 * told
 
 
+def test_a_temperature_that_nobody_recorded_is_not_stated():
+    visits = Past(13, visits=20).drawn()
+    bare = [replace(visit, temperature=None) for visit in visits]
+    assert trend_of(bare, []).to_data()["temperature_C"] is None and "°C" not in trend_text(trend_of(bare, []))
+    warm = [replace(visit, temperature=21.0) for visit in visits]
+    assert trend_of(warm, []).temperature == pytest.approx(21.0) and "at 21 °C" in trend_text(trend_of(warm, []))
+
+
 def test_advice():
     visits = Past(13, visits=104, ageing=6.0).drawn()
     trend = trend_of(visits, [], tolerances={"EA0C": 1e4})
@@ -347,5 +357,8 @@ def test_advice():
     assert "Correct the machine now" in trend_text(beyond)
     with pytest.raises(InputError, match="no visit identified 'EX9C'"):
         trend_of(visits, [], tolerances={"EX9C": 1.0})
+    for none in (0.0, -3.0, np.nan):
+        with pytest.raises(InputError, match="the tolerance of EA0C is"):
+            trend_of(visits, [], tolerances={"EA0C": none})
     with pytest.raises(InputError, match="no visits"):
         trend_of([], [])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import random
 import shutil
 from pathlib import Path
@@ -115,6 +116,26 @@ def test_a_model_with_such_a_value(here):
         (here / "bad.json").write_text(f"{text[:begin]}1e308{text[end:]}")
         with pytest.raises(InputError, match="not a number within"):
             read_model(here / "bad.json")
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda matrix: matrix[0].__setitem__(0, -1.0),
+        lambda matrix: matrix[0].__setitem__(1, 1e6),
+        lambda matrix: [matrix[i].__setitem__(1 - i, 1e6) for i in (0, 1)],
+        lambda matrix: matrix[0].pop(),
+        lambda matrix: matrix[0].__setitem__(0, "x"),
+    ],
+    ids=["negative", "uneven", "correlated", "ragged", "text"],
+)
+def test_a_model_whose_covariance_is_none(here, damage):
+    write_model(fitted_model(identify(MEASURED)), here / "model.json")
+    data = json.loads((here / "model.json").read_text())
+    damage(data["covariance"]["matrix"])
+    (here / "bad.json").write_text(json.dumps(data))
+    with pytest.raises(InputError, match="its covariance is not one of its parameters"):
+        read_model(here / "bad.json")
 
 
 @pytest.mark.parametrize("content", [b"", b"x", b"MATLAB 5.0 MAT-file" + bytes(109), bytes(range(256)) * 8])

@@ -69,6 +69,26 @@ def test_any_file_is_a_table_or_a_sentence(tmp_path_factory, data: bytes):
         assert "\n" not in str(error)
 
 
+@pytest.mark.parametrize("angles", [[0.0], [], [0, 4, 2, 8, 6, 10, 100, 50, 200]])
+def test_a_list_too_short_for_a_circle_is_one_sentence(tmp_path: Path, capsys, recwarn, angles: list[float]):
+    (tmp_path / "few.txt").write_text("angle deviation\n" + "".join(f"{a} 1\n" for a in angles))
+    words = [
+        "import",
+        "three-axis",
+        tmp_path / "few.txt",
+        "-o",
+        tmp_path / "out",
+        "--radius",
+        100,
+        "--feed",
+        1000,
+        "-q",
+    ]
+    assert main([str(w) for w in [*words, "--map", "angle=1:deg", "--map", "deviation=2:um"]]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1 and ("at least 20" in said) == bool(angles) and not recwarn.list
+
+
 def test_both_senses_in_one_file_are_what_import_polar_makes_of_two(tmp_path: Path):
     wave = {"ccw": 3.0 * np.sin(2.0 * np.radians(ANGLES)), "cw": 2.0 * np.cos(2.0 * np.radians(ANGLES))}
     for sense, way in (("ccw", slice(None)), ("cw", slice(None, None, -1))):

@@ -12,7 +12,7 @@ import pytest
 from lean import location_only
 from plant.campaign import write_campaign as write_concealed
 from plant.machines import static_table
-from plant.paths import r_test
+from plant.paths import r_test, static_ball_bar
 
 from symfive.campaign import Campaign, read_campaign, write_campaign
 from symfive.design import assess, plan
@@ -112,6 +112,20 @@ def test_it_is_said_what_stayed_and_how_much_larger_the_uncertainty_then_is(tmp_
     assert re.search(r'1σ of E[XYZ]0[BC] is then 17.9 µm, not 9.7 µm: .* mounting = { tool_ball = "1" }', note)
     assert told.uncertainty("EX0B") == pytest.approx(17.9, abs=0.05)
     assert told.notes == ()
+
+
+def test_a_run_whose_readings_the_ball_does_not_move_is_no_part_of_a_mounting(tmp_path: Path) -> None:
+    """An R-test and a ball bar on one place of the table: to the R-test the ball's place is its zero."""
+    machine, nest = static_table(), NESTS[0]
+    runs = [r_test(machine, "nest", nest=nest, poses=POSES)]
+    runs += [
+        static_ball_bar(machine, name, table_ball=nest, poses=POSES, direction=direction, start_s=500.0 * k)
+        for k, (name, direction) in enumerate({"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0)}.items(), 1)
+    ]
+    write_concealed(tmp_path / "c", machine, runs, {"EX0C": 20.0}, seed=1)
+    campaign = read_campaign(tmp_path / "c")
+    assert campaign.alike("table_ball") == (("nest", "x", "y"),)
+    assert not any("table ball" in note and "nest" in note for note in identify(campaign).notes)
 
 
 def test_the_odds_that_a_ball_stayed_are_those_of_the_readings(tmp_path: Path) -> None:

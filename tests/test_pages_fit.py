@@ -76,6 +76,33 @@ def test_no_page_is_wider_than_its_window_nor_cuts_a_table(pages, tmp_path, name
     assert len({paper for _, paper in papers}) == 2, papers
 
 
+HEADS = """<script>addEventListener("load", () => {
+  const text = e => { const range = document.createRange(); range.selectNodeContents(e); return range.getBoundingClientRect(); };
+  const gaps = [...document.querySelectorAll("thead tr")].flatMap(row => [...row.cells].slice(1).map((cell, i) =>
+    text(cell).width ? text(cell).left - text(row.cells[i]).right : 99));
+  top.document.title = `gap ${Math.min(99, ...gaps).toFixed(1)} wide ${document.documentElement.clientWidth} `
+    + `needs ${document.documentElement.scrollWidth}`; });</script></body>"""
+A4_PX = 688
+"""An A4 page without its margins of 14 mm, 96 px an inch."""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(CHROMIUM is None, reason="Skipped (optional): no Chromium on this computer.")
+@pytest.mark.parametrize("name", PAGES)
+def test_heads_of_tables_stand_apart_on_paper_and_pages_fit_it(pages, tmp_path, name):
+    text = re.sub(r"<meta http-equiv[^>]*>", "", pages[name].read_text()).replace("</body>", HEADS)
+    text = text.replace("@media print", "@media all")
+    (tmp_path / "page.html").write_text(FRAME.format(width=A4_PX, page=html.escape(text)))
+    said = subprocess.run(
+        [CHROMIUM, "--no-sandbox", "--headless", "--disable-gpu", "--no-first-run", "--dump-dom",
+         "--disable-background-networking", f"--user-data-dir={tmp_path / 'user'}", "--window-size=1400,1000",
+         f"file://{tmp_path / 'page.html'}"],
+        capture_output=True, text=True, timeout=120, check=True,
+    ).stdout  # fmt: skip
+    gap, wide, needs = re.search(r"<title>gap (\S+) wide (\d+) needs (\d+)</title>", said).groups()
+    assert float(gap) >= 4.0 and int(needs) <= int(wide), (gap, wide, needs)
+
+
 def test_every_page_has_the_one_style(tmp_path):
     """Quick and without a browser: each kind of page is written with the shared style and for a telephone."""
     from symfive.codegen import codegen

@@ -339,6 +339,7 @@ def test_verdict_is_honest(static, backlash):
 def test_numbers_and_units_as_engineers_write_them():
     assert unit_words("um") == "µm" and unit_words("urad/deg") == "µrad/°" and unit_words("um/(m/s^2)") == "µm/(m/s²)"
     assert name_words("ppm", "ppm") == "" and name_words("lag_ms", "ms") == "lag"
+    assert rounded(0.5, 0.0996) == "0.50" and rounded(0.0996, 0.0996) == "0.10"
     assert rounded(12.3456, 0.047) == "12.346" and rounded(-1234.5, 210.0) == "−1230" and rounded(-0.001, 5.0) == "0.0"
     assert plain_number(0.4) == "0.4" and plain_number(-37.04) == "−37" and plain_number(2e7) == "2.00e+07"
     assert plain_number(1.3e-15) == "0" and plain_number(-3e-5, "um") == "0" and plain_number(3e-5) == "3.00e−05"

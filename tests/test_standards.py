@@ -28,6 +28,7 @@ from symfive.procedures import (
     rotary_circle,
     synchronous_circle,
 )
+from symfive.results import write_identification
 from symfive.simulate import simulate
 from symfive.standards import (
     FAIL,
@@ -129,6 +130,15 @@ def test_squareness_has_the_sign_and_size_of_the_angle_between_the_axes():
     assert g == pytest.approx(100.0 * 60.0e-3, abs=2.5)  # R·S, and the noise of two readings
 
 
+def test_the_page_writes_a_value_and_its_uncertainty_as_the_command_does(tmp_path: Path) -> None:
+    campaign = _circles(EC0X=60.0)
+    write_identification(identify(campaign), tmp_path)
+    page = (tmp_path / "identification.html").read_text()
+    for value in standard_values(campaign):
+        number, spread = re.search(r"= (\S+) \S+, U = (\S+)", value.words).groups()
+        assert re.search(rf">{re.escape(number)}</td>\s*<td[^>]*>{re.escape(spread)}<", page), value.words
+
+
 def test_a_ball_beside_the_centre_is_no_squareness() -> None:
     """An eccentricity of 0.72 mm adds e²/4R, 1.3 µm, at 2φ: 24 µm/m where nothing is out of square."""
     centred = _circles(EC0X=37.5)
@@ -202,6 +212,40 @@ def test_positioning_by_hand(tmp_path: Path):
         assert found[name].value == pytest.approx(value, abs=0.01), name
     # σ/√n of each mean: a difference of two means has σ·√(2/n)
     assert found["B"].u == pytest.approx(2.0 * 0.3 * math.sqrt(2.0 / 5.0), rel=1e-3)
+
+
+def test_positioning_of_a_rotary_axis_by_hand():
+    machine, rng, stops = preset("table-bc"), np.random.default_rng(7), [-170.0, -110.3, -31.7, 42.9, 101.1, 158.2]
+    way = [s for _ in range(5) for s in (-175.0, *stops, 175.0, *stops[::-1])] + [-175.0]
+    deviation = rng.normal(0.0, 4.0, len(way)) + 20.0 * np.sin(np.radians(way))
+    run = Run(
+        id="c", instrument=("laser",), sampling="static", time=np.arange(float(len(way))), options={"axis": "C"}, noise_um=1.0,
+        commands={**{n: np.zeros(len(way)) for n in machine.axes}, "C": np.array(way)}, readings={"C_dev_urad": deviation},
+    )  # fmt: skip
+    rows = range(1, len(way))
+    up = [[float(deviation[k]) for k in rows if way[k] == t > way[k - 1]] for t in stops]
+    down = [[float(deviation[k]) for k in rows if way[k] == t < way[k - 1]] for t in stops]
+    found = {value.title: value for value in standard_values(Campaign(machine=machine, runs=(run,)))}
+    for name, value in _by_hand(up, down).items():
+        first, _, side = name.partition(" ")
+        assert found[f"{first} C {side}".strip()].value == pytest.approx(value, rel=1e-9), name
+    assert {value.unit for value in found.values()} == {"urad"}
+    assert found["A C"].conditions["targets"] == "6 from -170 to 158.2 °" and "µrad" in found["A C"].words
+
+
+def test_readings_that_are_rounded_alike_are_not_exact():
+    """The uncertainty of a range of means of n readings: 2 σ √(2/n), of a reversal the same; the deviations are all equal."""
+    machine, stops, cycles = MACHINE, [-200.0, -80.5, 10.0, 90.5, 180.0], 5
+    way = np.array([s for _ in range(cycles) for s in (-210.0, *stops, 210.0, *stops[::-1])])
+    run = Run(
+        id="x", instrument=("laser",), sampling="static", time=np.arange(float(len(way))), options={"axis": "X"}, noise_um=0.3,
+        commands={"X": way, "Y": 0.0 * way, "Z": 0.0 * way}, readings={"X_dev_um": np.full(len(way), 1.5)},
+    )  # fmt: skip
+    found = {value.title: value for value in standard_values(Campaign(machine=machine, runs=(run,)))}
+    for name in ("E X", "E X up", "E X down", "B X"):
+        assert found[name].value == 0.0
+        assert found[name].u == pytest.approx(0.6 * math.sqrt(2.0 / cycles), rel=0.02), name
+    assert all(value.u > 0.2 for value in found.values())
 
 
 REPORTS = {

@@ -39,6 +39,25 @@ class Number(click.ParamType[float]):
         return number
 
 
+class Whole(click.ParamType[int]):
+    """A whole number from `low` to `high`."""
+
+    name = "integer"
+
+    def __init__(self, low: int, high: int) -> None:
+        self.low, self.high = low, high
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int:
+        """The number that the text says."""
+        try:
+            number = int(value)
+        except ValueError:
+            self.fail(f"{shown(value)} is not a whole number", param, ctx)
+        if not self.low <= number <= self.high:
+            self.fail(f"{shown(value)} is not a whole number from {self.low} to {self.high}", param, ctx)
+        return number
+
+
 class _Path(click.Path):
     """A path that the system can name."""
 
@@ -54,8 +73,8 @@ PATH = _Path(path_type=Path)
 POSITIVE = Number(SMALLEST)
 MOST = 100_000
 """Poses, circles, repeats, starts: more would not end."""
-COUNT = click.IntRange(max=MOST)
-SEED = click.IntRange(0, 2**63 - 1)
+COUNT = Whole(-MOST, MOST)
+SEED = Whole(0, 2**63 - 1)
 
 
 class _InOrder(click.Group):
@@ -107,7 +126,7 @@ quiet = click.option("-q", "--quiet", is_flag=True, help="Print nothing but erro
 def cut(verb: Callable[..., None]) -> Callable[..., None]:
     """The options that thin and cut recordings: `how`, `step_deg`, `step`."""
     for option in (
-        click.option("--every", "step", type=click.IntRange(1, MOST), default=1, help="Keep every n-th row."),
+        click.option("--every", "step", type=Whole(1, MOST), default=1, help="Keep every n-th row."),
         click.option(
             "--step-deg", type=POSITIVE, help="With --split turns: rows of a rotary axis every so many degrees."
         ),

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from symfive.cli._common import PATH, Number, Progress, app, as_json, noted, numbers_of, overwrite, quiet, tell
+from symfive.cli._common import PATH, Number, Progress, Whole, app, as_json, noted, numbers_of, overwrite, quiet, tell
 from symfive.outputs import output_file, output_folder, write_bytes, write_text
 
 where = click.option(
@@ -203,7 +203,7 @@ def certificate(
 
 @history.command(epilog="Example: symfive history serve")
 @where
-@click.option("--port", type=click.IntRange(0, 65535), default=0, help="Port on 127.0.0.1; 0 chooses a free one.")
+@click.option("--port", type=Whole(0, 65535), default=0, help="Port on 127.0.0.1; 0 chooses a free one.")
 def serve(index: Path, port: int) -> None:
     """Serve the pages on this computer, at the printed address; Ctrl-C ends it."""
     from symfive.history import Server

@@ -15,6 +15,7 @@ from symfive.cli._common import (
     SEED,
     Number,
     Progress,
+    Whole,
     app,
     as_json,
     campaign_path,
@@ -189,7 +190,7 @@ def check(path: Path, as_json: bool, quiet: bool) -> None:
 @click.option(
     "--tool",
     "tool_number",
-    type=click.IntRange(1, 9999),
+    type=Whole(1, 9999),
     default=1,
     help="With --tool-centre: the tool whose length is the ball's.",
 )
@@ -224,7 +225,7 @@ def check(path: Path, as_json: bool, quiet: bool) -> None:
 @click.option("--tip-radius", type=POSITIVE, default=3.0, help="Of a touch probe's tip, mm.")
 @click.option("--probe-on", default="", show_default=False, help="Your control's line that switches a touch probe on.")
 @click.option("--probe-off", default="", show_default=False, help="The line that switches it off.")
-@click.option("--probe-tool", type=click.IntRange(1, 9999), help="Its number in the tool table; Heidenhain calls it.")
+@click.option("--probe-tool", type=Whole(1, 9999), help="Its number in the tool table; Heidenhain calls it.")
 @click.option("--no-proof", is_flag=True, help="A certificate by search alone, which takes seconds; circles: none.")
 @click.option("--starts", type=COUNT, default=2, help="Starts of the search.")
 @click.option("--seed", type=SEED, default=0, help="Seed of the search.")

@@ -15,7 +15,8 @@ from symfive.outputs import output_file, write_json
 @click.option("-o", "--output", type=PATH, help="A JSON file for the numbers, too.")
 @click.option(
     "--tolerance", "tolerances", multiple=True,
-    help="NAME=VALUE (µm; squareness µm/m), as G=8, \"G XY CCW=8\" or G@circle-1=8: pass, fail or cannot be decided.",
+    help="NAME=VALUE (µm; of a rotary axis µrad; squareness µm/m), as G=8, \"G XY CCW=8\" or G@circle-1=8: pass, fail or "
+    "cannot be decided.",
 )  # fmt: skip
 @click.option(
     "--uncertainty",

@@ -2,6 +2,5 @@
 
 from symfive.codegen._codegen import TARGETS, codegen
 from symfive.codegen._subject import Subject, subject_of
-from symfive.codegen.isg import read_isg
 
-__all__ = ["TARGETS", "Subject", "codegen", "read_isg", "subject_of"]
+__all__ = ["TARGETS", "Subject", "codegen", "subject_of"]

@@ -51,14 +51,13 @@ def chain_of(subject: Subject) -> Chain:
     q = ca.SX.sym("q", len(subject.axes))
     tool = ca.SX.sym("tool", 3)
     p = ca.SX.sym("p", len(subject.parameters))
-    row = subject.row(q, p)
-    ball = tool + row.tool_ball
-    position, direction, columns = _walk(machine, row.axis, row.location, row.motion, row.shift, ball)
+    row = subject.row(q, p, tool)
+    position, direction, columns = _walk(machine, row.axis, row.location, row.motion, row.shift, row.tool_ball)
     causes: dict[tuple[str, str], Symbol] = {("axis", name): value for name, value in row.axis.items()}
     causes |= {("location", name): value for name, value in row.location.items()}
     causes |= {("motion", name): value for name, value in row.motion.items()}
     causes |= {("shift", "xyz"[i]): row.shift[i] for i in range(3)}
-    causes |= {("tool", "xyz"[i]): ball[i] for i in range(3)}
+    causes |= {("tool", "xyz"[i]): row.tool_ball[i] for i in range(3)}
     stack = ca.vertcat(*causes.values())
     moves, turns = (ca.horzcat(*(columns[key][k] for key in causes)) for k in (0, 1))
     by_q, by_p = ca.jacobian(stack, q), ca.jacobian(stack, p)

@@ -9,6 +9,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from symfive.numbers import decimals
+
 COVERAGE = 2.0
 
 
@@ -85,5 +87,5 @@ def _written(value: float, decimals: int, sign: str = "") -> str:
 
 
 def digits_of(uncertainty: float) -> int:
-    """Decimals that show two digits of an uncertainty."""
-    return max(0, 1 - math.floor(math.log10(uncertainty)))
+    """Decimals that show two digits of an uncertainty, none before the point."""
+    return max(0, decimals(uncertainty))

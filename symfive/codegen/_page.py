@@ -11,18 +11,19 @@ from symfive.drawing import PAGE_STYLE
 
 _SAYS = (
     ("parameters", "the identified values of p"),
-    ("parameter_name", "name of a parameter"),
+    ("model", "SHA-256 of the model, a text"),
+    ("parameter_name", "name of a parameter, a text"),
     ("forward", "the real tool's point and direction in the workpiece frame"),
     ("nominal", "the same without errors"),
     ("error", "volumetric error: real minus nominal"),
     ("axis_jacobian", "derivatives of point and direction by the axes"),
     ("parameter_jacobian", "derivatives of the point by every parameter"),
     ("direction_jacobian", "derivatives of the direction by every parameter"),
-    ("inverse_nominal", "linear axes for a target, without errors; status"),
-    ("inverse", "linear axes for a target, real machine; status"),
-    ("compensate", "commands that put the real point where the nominal one should be; status"),
-    ("orient", "rotary axes for a direction, without errors; status"),
-    ("compensate_direction", "commands for point and direction of the real tool; status"),
+    ("inverse_nominal", "linear axes for a target, without errors"),
+    ("inverse", "linear axes for a target, real machine"),
+    ("compensate", "commands that put the real point where the nominal one should be"),
+    ("orient", "rotary axes for a direction, without errors"),
+    ("compensate_direction", "commands for point and direction of the real tool"),
 )
 
 

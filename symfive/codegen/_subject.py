@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -48,17 +48,32 @@ class Subject:
         """Names of the axes in the order of q."""
         return self.machine.axis_names
 
-    def row(self, q: Any, p: Any) -> Row:
-        """The model's row at the positions q (mm, rad) and the parameters p (their own units), errors applied."""
-        return _row(self.machine, self.effects, self.parameters, q, p)
+    def row(self, q: Any, p: Any, tool: Any = (0.0, 0.0, 0.0)) -> Row:
+        """The model's row at the positions q (mm, rad) and the parameters p (their own units) with the tool's point (mm, tool
+        frame), errors applied."""
+        balls = {f"tool_ball.{c}": tool[i] for i, c in enumerate("xyz")}
+        return _row(self.machine, self.effects, self.parameters, q, p, balls)
+
+    def changed(self, effect: Effect) -> frozenset[tuple[str, str]]:
+        """What the parameters of one of the `effects` change: (`location`, `EC0B`), (`motion`, `EZB`), (`axis`, `X`), or `shift`
+        and `tool` of the tool as a whole, with an empty name."""
+        q, p, tool = (ca.SX.sym("x", n) for n in (len(self.axes), len(self.parameters), 3))
+        row = replace(self, effects=(effect,)).row(q, p, tool)
+        known = {parameter.name for parameter in machine_parameters(self.machine)}
+        own = ca.vertcat(*(p[i] for i, parameter in enumerate(self.parameters) if parameter.name not in known))
+        parts = {"axis": row.axis, "location": row.location, "motion": row.motion, "shift": {"": row.shift},
+                 "tool": {"": row.tool_ball}}  # fmt: skip
+        return frozenset(
+            (kind, name) for kind, table in parts.items() for name, value in table.items() if ca.depends_on(value, own)
+        )
 
     def function(self) -> ca.Function:
         """(q, tool, p) → the tool's point and direction in the workpiece, and the point's derivatives by q and p: the model's own
         chain, differentiated automatically. Generated code is compared with it."""
         q, tool, p = (ca.SX.sym("x", n) for n in (len(self.axes), 3, len(self.parameters)))
-        row = self.row(q, p)
+        row = self.row(q, p, tool)
         point = ball_in_workpiece(
-            self.machine, row.axis, tool + row.tool_ball, location=row.location, motion=row.motion, shift=row.shift
+            self.machine, row.axis, row.tool_ball, location=row.location, motion=row.motion, shift=row.shift
         )
         workpiece, spindle = chain_poses(self.machine, row.axis, row.location, row.motion)
         direction = workpiece.rotation.T @ spindle.rotation[:, 2]
@@ -119,11 +134,18 @@ def _two_rows(machine: Machine) -> Campaign:
     return Campaign(machine=machine, runs=(run,))
 
 
-def _row(machine: Machine, effects: Sequence[Effect], parameters: Sequence[Parameter], q: Any, p: Any) -> Row:
+def _row(
+    machine: Machine,
+    effects: Sequence[Effect],
+    parameters: Sequence[Parameter],
+    q: Any,
+    p: Any,
+    balls: Mapping[str, Any],
+) -> Row:
     position = {name: q[i] for i, name in enumerate(machine.axis_names)}
     values = {parameter.name: parameter.scale * p[i] for i, parameter in enumerate(parameters)}
     signals = {Position(name): value for name, value in position.items()}
-    row = Row(machine, position, ca.SX.sym("clock"), ca.SX.sym("time"), signals, values, {})  # type: ignore[arg-type]
+    row = Row(machine, position, ca.SX.sym("clock"), ca.SX.sym("time"), signals, values, balls)  # type: ignore[arg-type]
     apply_errors(row, effects)
     return row
 
@@ -141,8 +163,11 @@ def _static(machine: Machine, effect: Effect, campaign: Campaign) -> tuple[str, 
     ready = effect.prepare(campaign)
     parameters = ready.parameters(campaign)
     every = (*machine_parameters(machine), *parameters)
-    row = _row(machine, (ready,), every, ca.SX.sym("q", len(machine.axes)), ca.SX.sym("p", len(every)))
+    balls = {f"table_ball.{c}": ca.SX.sym("ball") for c in "xyz"}
+    row = _row(machine, (ready,), every, ca.SX.sym("q", len(machine.axes)), ca.SX.sym("p", len(every)), balls)
     parts = [*row.axis.values(), *row.location.values(), *row.motion.values(), row.shift, row.tool_ball, row.table_ball]
+    if ca.depends_on(ca.vertcat(*parts[:-1]), ca.vertcat(*balls.values())):
+        return "depends on where the ball on the table stands", effect, ()
     if ca.depends_on(ca.vertcat(*parts), ca.vertcat(row.clock, row.time)):
         return "depends on time", effect, ()
     return "", ready, parameters

@@ -5,8 +5,10 @@ for xyzac-trt-kins, the module says (src/emc/kinematics/trtfuncs.c; tool length 
 
     joint = rot + d + R_tilt(-s q)·[R_z(-s C)·(world - rot) - d]
 
-which is linear in its four numbers when it is solved for `world`. They are fitted to the identified model over the workspace,
-together with the work offset, which the operator sets anyway. Only the sum of z-rot-point and z-offset matters.
+with s = 1 where its pin conventional-directions is 1 and s = -1 where that is 0 or missing (LinuxCNC 2.9 has no such pin). In
+the machine file these are rotary axes along, or against, x, y and z. Solved for `world` it is linear in its four numbers. They
+are fitted to the identified model over the workspace, together with the work offset, which the operator sets anyway. Only the
+sum of z-rot-point and z-offset matters.
 """
 
 from __future__ import annotations
@@ -50,7 +52,7 @@ class TrunnionFit:
 
 def setp_files(subject: Subject, prefix: str) -> dict[str, str]:
     """The HAL file. Raises `InputError` for machines that are not trunnions of the form XYZAC or XYZBC."""
-    tilt = _tilt(subject)
+    tilt, sense = _tilt(subject)
     module = f"xyz{tilt.lower()}c-trt-kins"
     fit, changes = entered_fit(subject)
     lateral = "x-offset" if tilt == "B" else "y-offset"
@@ -72,8 +74,8 @@ def setp_files(subject: Subject, prefix: str) -> dict[str, str]:
             if subject.fitted
             else []
         ),
-        "# Signs       the values do not depend on conventional-directions, but the machine file does: it is ISO 841, which is",
-        f"#             conventional-directions 1. Where that is 0 or missing, {tilt} and C turn the other way.",
+        f"# Signs       {tilt} and C of the machine file turn as the module does where its pin conventional-directions is",
+        f"#             {'1, after ISO 841' if sense > 0.0 else '0 or missing, against ISO 841'}; the values hold for both.",
         "# Beware      xyzbc-trt-kins of the development branch from June 2025 to September 2026 has a wrong inverse where",
         "#             conventional-directions is 0 (LinuxCNC issue 4546).",
         "# z-offset    is written for z-rot-point 0; keep another z-rot-point and subtract it from z-offset.",
@@ -108,31 +110,35 @@ def entered_fit(subject: Subject) -> tuple[TrunnionFit, list[Change]]:
         free = kept
 
 
-def _tilt(subject: Subject) -> str:
-    """The tilting axis, A or B, of a machine that the stock modules describe."""
+def _tilt(subject: Subject) -> tuple[str, float]:
+    """The tilting axis, A or B, of a machine that the stock modules describe, and the s of the module (1 or -1)."""
     first, second = table_axes(subject, "LinuxCNC's stock trunnion kinematics")
     machine = subject.machine
     letters = {"X": (1, 0, 0), "Y": (0, 1, 0), "Z": (0, 0, 1), "A": (1, 0, 0), "B": (0, 1, 0), "C": (0, 0, 1)}
+    sense = float(np.sign(np.sum(machine.axes[second].direction)))
     usual = all(
-        np.allclose(axis.direction, letters.get(name, (0, 0, 0)), atol=1e-9) for name, axis in machine.axes.items()
+        np.allclose((sense if axis.rotary else 1.0) * np.array(axis.direction), letters.get(name, (0, 0, 0)), atol=1e-9)
+        for name, axis in machine.axes.items()
     )
     if first not in ("A", "B") or second != "C" or not usual or set(machine.axes) != {*"XYZC", first}:
         raise InputError(
-            "LinuxCNC's stock trunnion kinematics know X, Y, Z, a tilting A or B and a C on it, along x, y and z",
+            "LinuxCNC's stock trunnion kinematics know X, Y, Z along x, y and z, and a tilting A or B and a C on it, both along "
+            "or both against x, y and z",
             remedy="use the target linuxcnc, which holds every structure",
         )
-    return first
+    return first, sense
 
 
 def fit_trunnion(subject: Subject, poses: Poses, free: Sequence[int] = (0, 1, 2, 3)) -> TrunnionFit:
     """The numbers that are `free` fitted to the deviation over the poses, the others as designed."""
-    tilt = _tilt(subject)
+    tilt, sense = _tilt(subject)
     machine = subject.machine
     place = {name: i for i, name in enumerate(subject.axes)}
     c, t = machine.axes["C"].origin, machine.axes[tilt].origin
     lateral = 0 if tilt == "B" else 1
     design = np.array([c[0], c[1], t[lateral] - c[lateral], t[2]])
-    turn_c, turn_t = _about(2, poses.q[:, place["C"]]), _about(1 if tilt == "B" else 0, poses.q[:, place[tilt]])
+    q = sense * poses.q
+    turn_c, turn_t = _about(2, q[:, place["C"]]), _about(1 if tilt == "B" else 0, q[:, place[tilt]])
     both = turn_c @ turn_t
     identity = np.broadcast_to(np.eye(3), both.shape)
     by_rot, by_d = identity - both, turn_c - both

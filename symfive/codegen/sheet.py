@@ -66,7 +66,11 @@ def sheet_files(subject: Subject, prefix: str, control: str) -> dict[str, str]:
     lines = axis_lines(subject)
     rows = entry.rows(lines[names[0]], lines[names[1]])
     slope = None if subject.covariance is None else _by_parameters(subject, entry, names)
-    notes = [*_not_here(subject), *entry.notes, *_open_parameters(subject, slope)]
+    notes = [
+        *_not_here(subject, names, directions=any(row.unit == "1" for row in rows)),
+        *entry.notes,
+        *_open_parameters(subject, slope),
+    ]
     page = filled(
         "sheet.html", title=entry.title, style=PAGE_STYLE, rows=_cells(rows, _expanded(subject, slope, len(rows))),
         notes="".join(f"<li>{html.escape(n)}</li>" for n in notes), machine=html.escape(subject.machine.name),
@@ -77,8 +81,9 @@ def sheet_files(subject: Subject, prefix: str, control: str) -> dict[str, str]:
 
 
 IDENTIFIED = (
-    "U is the expanded uncertainty (k = 2) of the change, from the fit alone: drift, another mounting of the instrument and its "
-    "calibration come on top. A change below its uncertainty or below the control's resolution is not entered."
+    "U is the expanded uncertainty (k = 2) of the change, from the fit alone. It counts on the 1σ that the campaign states for "
+    "the set-up (where the tool ball is, how long the bar); drift, another mounting of the instrument and its calibration come "
+    "on top. A change below its uncertainty or below the control's resolution is not entered."
 )
 NOT_MEASURED = "Nothing is identified yet, so that no uncertainty is known and nothing is to be entered."
 
@@ -129,9 +134,11 @@ def _expanded(subject: Subject, slope: Array | None, count: int) -> list[float] 
     return [COVERAGE * math.sqrt(v) for v in variance]
 
 
-def _not_here(subject: Subject) -> list[str]:
-    """The effects of the model that places and directions of axes do not correct."""
-    keys = [*(effect.key for effect in subject.effects), *(key for key, _ in subject.left_out)]
+def _not_here(subject: Subject, axes: Sequence[str], *, directions: bool) -> list[str]:
+    """The effects of the model that places, and perhaps directions, of the rotary `axes` do not correct."""
+    held = {("location", f"E{c}0{axis}") for c in ("XYZABC" if directions else "XYZ") for axis in axes}
+    keys = [effect.key for effect in subject.effects if not subject.changed(effect) <= held]
+    keys += [key for key, _ in subject.left_out]
     names = [form_words(key, subject.machine) for key in dict.fromkeys(keys)]
     return [f"Not corrected by this sheet: {', '.join(names)}. They need their own compensation or repair."] * bool(
         names

@@ -11,18 +11,19 @@ from __future__ import annotations
 import re
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass, fields
-from decimal import Decimal
-from typing import Any
 
 from symfive.drawing import templates
 from symfive.errors import InputError
 from symfive.files import one_line, shown
 from symfive.history._visit import Visit
+from symfive.numbers import decimals
 from symfive.parameters import DETERMINED
 from symfive.version import __version__
 
 SPACES = {"dcc": "https://ptb.de/dcc", "si": "https://ptb.de/si", "xsi": "http://www.w3.org/2001/XMLSchema-instance"}
 FACTOR = 2.0
+MOST_PLACES = 6
+"""Decimals of a value without uncertainty."""
 TO_FILL = "TO BE FILLED IN"
 UNITS = {"um": r"\micro\metre", "urad": r"\micro\radian"}
 PLACES = ("laboratory", "customer", "laboratoryBranch", "customerBranch", "other")
@@ -73,12 +74,12 @@ def certificate(visit: Visit, office: Office) -> bytes:
         raise InputError(problem, remedy="use another test; symfive assess shows what a test determines")
     errors = [
         {"name": visit.names[i], "title": _title(visit.names[i]), "unit": UNITS[visit.units[i]],
-         "value": _decimal(visit.values[i]), "expanded": _decimal(FACTOR * visit.std[i])}
+         **_stated(visit.values[i], FACTOR * visit.std[i])}
         for i in sure
     ]  # fmt: skip
     filled = templates("symfive.history", "pages").get_template("certificate.xml").render(
         visit=visit, office=office, statements=_statements(visit, office), errors=errors, status=STATUS.get(visit.stage, ""),
-        temperature=_decimal(visit.temperature or 0.0), own_version=__version__, to_fill=TO_FILL,
+        temperature=f"{visit.temperature or 0.0:.3f}".rstrip("0").rstrip("."), own_version=__version__, to_fill=TO_FILL,
     )  # fmt: skip
     for prefix, space in SPACES.items():
         ET.register_namespace(prefix, space)
@@ -111,6 +112,9 @@ def _title(name: str) -> str:
     return f"{name}: {KINDS.get(name[1:2], 'Error')} of axis {name.removeprefix(name[:2]).removeprefix('0')}"
 
 
-def _decimal(value: Any) -> str:
-    """The number with six significant digits, without an exponent, as D-SI writes decimals."""
-    return f"{Decimal(f'{float(value):.6g}'):f}"
+def _stated(value: float, expanded: float) -> dict[str, str]:
+    """Both without an exponent, as D-SI writes decimals: U with two significant digits, the value to the same place (JCGM
+    100:2008, 7.2.6)."""
+    places = decimals(expanded) if expanded > 0.0 else MOST_PLACES
+    numbers = {"value": value, "expanded": expanded}
+    return {key: f"{round(float(number), places) + 0.0:.{max(places, 0)}f}" for key, number in numbers.items()}

@@ -128,6 +128,7 @@ class Change:
             chance = chance if chance.startswith(("about", "below")) else f"of {chance}"
             lines = [f"{head}: changed (probability of this by {noise} alone: {chance})."]
             lines += [f"  {cause_words(cause)}" for cause in self.causes]
+            lines += ["  The change of each error, whatever the cause:"]
         else:
             beyond = "the machine's usual scatter" if self.scatter_known else "the uncertainties"
             lines = [f"{head}: no change beyond {beyond} ({self.rank} combinations compared)."]

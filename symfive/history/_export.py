@@ -22,11 +22,17 @@ BATCH = 50_000
 """Rows of a Parquet row group."""
 
 
-def write_table(visits: Iterable[tuple[Path, Visit]], path: Path, *, suffix: str) -> int:
-    """Write the table to `path` as `suffix` says; the number of its rows. Raises `InputError` without pyarrow for Parquet."""
+def format_of(path: Path) -> str:
+    """Which of `FORMATS` the name of a file asks for. Raises `InputError`."""
+    suffix = path.suffix.lower()
     if suffix not in FORMATS:
         problem = f'the table cannot be written as "{suffix or path.name}"'
         raise InputError(problem, path=path, remedy=f"end its name with {' or '.join(FORMATS)}")
+    return suffix
+
+
+def write_table(visits: Iterable[tuple[Path, Visit]], path: Path, *, suffix: str) -> int:
+    """Write the table to `path` as `suffix` says; the number of its rows. Raises `InputError` without pyarrow for Parquet."""
     rows = (row for folder, visit in visits for row in _rows(folder, visit))
     return _csv(rows, path) if suffix == ".csv" else _parquet(rows, path)
 

@@ -12,7 +12,7 @@ from typing import Any
 from symfive.errors import InputError
 from symfive.files import shown
 from symfive.history._change import Change, change_between
-from symfive.history._export import write_table
+from symfive.history._export import format_of, write_table
 from symfive.history._fleet import MachineTable, row_of
 from symfive.history._index import FILE, Index
 from symfive.history._limits import RATE
@@ -192,12 +192,13 @@ class History:
     def export(self, path: Path | str) -> int:
         """Every visit and error as one long table, `.csv` or `.parquet`; the number of its rows."""
         target = Path(path)
+        suffix = format_of(target)
         visits = (
             entry for machine in self.machines()
             for entry in zip(self._index.folders(machine), self._index.visits(machine), strict=True)
         )  # fmt: skip
         with output_file(target) as place:
-            return write_table(visits, place, suffix=target.suffix.lower())
+            return write_table(visits, place, suffix=suffix)
 
     def rebuild(self, folders: Sequence[Path | str], *, progress: Progress = lambda message: None) -> Rebuilt:
         """The whole index anew from the records below `folders` and the events beside it; all or nothing."""

@@ -13,7 +13,7 @@ from symfive.history._fleet import MachineRow, MachineTable, alarm_words
 from symfive.history._forecast import YEAR
 from symfive.history._trend import Trend, alarm_data
 from symfive.history._visit import Finding, Visit, instant
-from symfive.history._words import advice, alarm_sentence, forecast_sentence, smallest_step
+from symfive.history._words import advice, alarm_sentence, conditions, forecast_sentence, smallest_step
 from symfive.numbers import plain_number, with_std, with_unit
 from symfive.screen import plural
 
@@ -31,7 +31,7 @@ def machine_page(trend: Trend) -> str:
     sentences = [f"{alarm_sentence(trend, number)}." for number in newest]
     sentences += [forecast_sentence(f, trend) for f in trend.forecasts if f.tolerance is not None]
     sentences += [advice(trend)] if trend.come_back is not None else []
-    stated = f"The limits allow at most {plain_number(10 * trend.rate)} false alarms in ten years."
+    stated = f"False alarms expected: at most {plain_number(10 * trend.rate)} in ten years."
     return _filled(
         "machine.html", f"History of {trend.machine.name}", machine=trend.machine, visits=trend.visits, open=count,
         headline=f"{headline}.", sentences=sentences, changes=_changes(trend), charts=charts_of(trend),
@@ -95,11 +95,7 @@ def _errors(trend: Trend) -> dict[str, Any]:
             cells.append(_cell(f"±{plain_number(f.tolerance)}" if f.tolerance is not None else "", f.tolerance or 0.0))
         rows.append(cells)
     heads = ["error", "last visit", "now", "a year", "alarm from", "tolerance"][: len(rows[0]) if rows else 5]
-    note = (
-        f"± is 1σ. Now and a year at {plain_number(trend.temperature)} °C, from the nominal machine of the first visit. "
-        "Alarm from: the smallest step that raises an alarm at the next visit."
-    )
-    return {"heads": heads, "rows": rows, "note": note}
+    return {"heads": heads, "rows": rows, "note": conditions(trend)}
 
 
 def _cell(text: str, sort: float | None = None) -> dict[str, Any]:

@@ -46,7 +46,7 @@ PATIENCE_S = 120.0
 def connect(path: Path, *, create: bool = True) -> sqlite3.Connection:
     """The index, brought to the newest version. Raises `InputError` where it is not there, damaged, or of a newer symfive."""
     if not create and not path.is_file():
-        remedy = "add results with symfive history add, or give --history DIR"
+        remedy = "add results with symfive history add, rebuild a lost index with symfive history rebuild, or give --history DIR"
         raise InputError("there is no history", path=path.parent, remedy=remedy)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

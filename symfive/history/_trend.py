@@ -30,9 +30,9 @@ class Trend:
     """The history of one machine: `data` the information of each visit, (n, k); `alarms`; `forecasts` of the determined errors;
     `come_back` the date (s) until which all tolerances hold with 95 %, None without tolerances; `horizon` the last date
     looked at; `rate` false alarms a year that the limits allow. `path` and `band` (n, k) are the level and its 1σ after each
-    visit, at its temperature; forecasts hold at `temperature`, the visits' average, °C; `watched` all that was watched;
-    `scatter` what the machine does from visit to visit, None before it is known; `smallest` the smallest step of each error
-    that would raise an alarm at the next visit, file units."""
+    visit, at its temperature; forecasts hold at `temperature`, the visits' average, °C (None where none was recorded); `watched`
+    all that was watched; `scatter` what the machine does from visit to visit, None before it is known; `smallest` the
+    smallest step of each error that would raise an alarm at the next visit, file units."""
 
     machine: MachineId
     visits: tuple[Visit, ...]
@@ -47,7 +47,7 @@ class Trend:
     horizon: float
     watched: Watched
     come_back: float | None = None
-    temperature: float = REFERENCE
+    temperature: float | None = None
     scatter: Scatter | None = None
     smallest: Mapping[str, float] = field(default_factory=dict)
 
@@ -126,16 +126,18 @@ def trend_of(
     """The trend of one machine's visits, in the order of their dates. `tolerances` ± of errors by name, file units. What is
     already `watched` of the same visits and events at the same `rate` is not watched again.
 
-    Raises `InputError` where there is no visit, or a tolerance is of an error that no visit holds.
+    Raises `InputError` where there is no visit, or a tolerance is of an error that no visit holds or not above 0.
     """
     if not visits:
         raise InputError("the machine has no visits", remedy="add results with symfive history add")
     visits = sorted(visits, key=lambda visit: visit.order)
     data = information_of(visits)
-    for name in tolerances or {}:
+    for name, value in (tolerances or {}).items():
         if name not in data.names:
             problem = f"no visit identified {shown(name)}"
             raise InputError(problem, remedy=f"use one of {', '.join(data.names[:12])}")
+        if not value > 0.0:
+            raise InputError(f"the tolerance of {name} is {value:g}", remedy="write how far it may be from zero")
     readings, warmth = readings_of(data), _warmth(visits)
     if watched is None:
         watched = watch_visits(visits, events, data, readings, warmth, rate)
@@ -159,7 +161,8 @@ def trend_of(
         machine=visits[-1].machine, visits=tuple(visits), events=tuple(events), data=data,
         determined=tuple(n for n, is_ in zip(data.names, determined, strict=True) if is_), alarms=tuple(watched.alarms),
         forecasts=forecasts, path=path, band=band, rate=rate, horizon=horizon, watched=watched,
-        come_back=min(dates) if dates else None, temperature=REFERENCE + SPAN * usual,
+        come_back=min(dates) if dates else None,
+        temperature=REFERENCE + SPAN * usual if any(visit.temperature is not None for visit in visits) else None,
         scatter=_scatter(watched, readings, data), smallest=watched.smallest,
     )  # fmt: skip
 

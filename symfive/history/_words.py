@@ -25,11 +25,18 @@ def trend_text(trend: Trend) -> str:
     said = advice(trend)
     if said:
         lines.append(said)
-    lines.append(
-        f"± is 1σ; now and later at {plain_number(trend.temperature)} °C, the visits' average; from the nominal machine of the "
-        "first visit. Alarm from: the smallest step that raises an alarm at the next visit."
-    )
+    lines.append(conditions(trend))
     return "\n".join(lines)
+
+
+def conditions(trend: Trend) -> str:
+    """What the errors of a trend hold for."""
+    known = trend.temperature is not None
+    warm = f", now and later at {plain_number(trend.temperature or 0.0)} °C, the visits' average" if known else ""
+    return (
+        f"± is 1σ; from the nominal machine of the first visit{warm}. Alarm from: the smallest step that raises an alarm at the "
+        "next visit."
+    )
 
 
 def _row(trend: Trend, forecast: Forecast) -> str:

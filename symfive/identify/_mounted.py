@@ -83,7 +83,7 @@ class _Comparison:
 def mounting_notes(problem: Problem, fit: Identification) -> tuple[str, ...]:
     """Said of a fit and the problem that it solves, where the readings show that something stayed mounted and 1σ of an error of
     the machine is then another one."""
-    alike = [_Group(quantity, runs) for quantity in MOUNTED for runs in fit.model.campaign.alike(quantity)]
+    alike = _groups(fit)
     if not alike:
         return ()
     comparison = _Comparison(problem, fit)
@@ -102,6 +102,17 @@ def mounting_notes(problem: Problem, fit: Identification) -> tuple[str, ...]:
         f"the readings show that {stayed} stayed mounted; 1σ of {worst.name} is then {after}, not {before}: write the same name "
         f'into these runs of campaign.toml, as mounting = {{ {groups[0].quantity} = "1" }}',
     )
+
+
+def _groups(fit: Identification) -> list[_Group]:
+    """What may have stayed: of the runs that state it alike those whose readings its error moves."""
+    moved = {(p.run, p.quantity.partition(".")[0]) for p in fit.model.parameters if p.of_setup}
+    found = [
+        _Group(quantity, tuple(run for run in runs if (run, quantity) in moved))
+        for quantity in MOUNTED
+        for runs in fit.model.campaign.alike(quantity)
+    ]
+    return [group for group in found if len(group.runs) > 1]
 
 
 def _log_det(matrix: Array) -> float:

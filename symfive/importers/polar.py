@@ -23,6 +23,7 @@ from symfive.files import read_text, shown
 from symfive.importers.split import rows_of
 from symfive.machine import Machine
 from symfive.procedures import PLANES, Nominal, tool_ball_of, within_travel
+from symfive.screen import plural
 from symfive.separated import SIGNS, Marks, cells_of, signs_of
 
 UNITS = {"um": 1.0, "mm": 1e3}
@@ -90,12 +91,17 @@ def read_polar(
             raise InputError(problem, remedy="remove what is no reading").at(path, number)
     if not rows:
         _refuse_other_columns(path, lines, columns)
-    if len(rows) < LEAST_ROWS:
-        problem = f"{len(rows)} readings of angle and deviation"
-        raise InputError(problem, remedy=f"export at least {LEAST_ROWS}, one a line").at(path)
+    enough(len(rows), path)
     angle, deviation = (np.array(rows)[:, list(columns).index(name)] for name in COLUMNS)
     angle, deviation = as_moved(angle, deviation, direction)
     return angle, UNITS[unit] * deviation
+
+
+def enough(count: int, path: Path | None = None) -> None:
+    """Raise `InputError` where a circle has too few readings."""
+    if count < LEAST_ROWS:
+        problem = f"{plural(count, 'reading')} of angle and deviation on one circle"
+        raise InputError(problem, path=path, remedy=f"export at least {LEAST_ROWS}, one a line")
 
 
 def as_moved(angle: Array, deviation: Array, direction: str | None) -> tuple[Array, Array]:
@@ -200,11 +206,12 @@ def polar_run(
     if not (radius > 0.0 and feed > 0.0):
         raise InputError(f"radius {radius:g} mm and feed {feed:g} mm/min make no circle", remedy="give both above 0")
     angle, deviation = np.asarray(angle_deg, dtype=float), np.asarray(deviation_um, dtype=float)
-    if np.abs(1e-3 * deviation - radius).max(initial=0.0) < NEAR * radius:
+    if angle.shape != deviation.shape or angle.ndim != 1:
+        raise InputError(f"{len(angle)} angles, {len(deviation)} deviations", remedy="give one deviation per angle")
+    enough(len(angle))
+    if np.abs(1e-3 * deviation - radius).max() < NEAR * radius:
         problem = f"the deviations are {1e-3 * deviation.mean():.6g} mm on average, the length of the bar"
         raise InputError(problem, remedy=f"subtract the radius, {radius:g} mm")
-    if angle.shape != deviation.shape or angle.ndim != 1 or len(angle) < LEAST_ROWS:
-        raise InputError(f"{len(angle)} angles, {len(deviation)} deviations", remedy="give one deviation per angle")
     phi = _steady(angle)
     nominal, ball = Nominal(machine), tool_ball_of(machine, tool_ball)
     u, v = (nominal.seen_from_workpiece(nominal.commands(hold or {}, 1), np.eye(3)[i])[0] for i in PLANES[plane])

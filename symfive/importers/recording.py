@@ -22,7 +22,7 @@ import numpy as np
 from symfive.arrays import Array
 from symfive.campaign import Run, SetupSigma
 from symfive.errors import InputError
-from symfive.importers.polar import ANGLE_ERROR, DIRECTIONS, FITTED, NEAR, as_moved, polar_run
+from symfive.importers.polar import ANGLE_ERROR, DIRECTIONS, FITTED, NEAR, as_moved, enough, polar_run
 from symfive.instruments import INSTRUMENTS
 from symfive.machine import Machine
 from symfive.procedures import PLANES, Nominal, tool_ball_of, within_travel
@@ -109,6 +109,7 @@ def _circles(machine: Machine, columns: Columns, setting: Setting, id: str) -> l
             raise InputError(problem, remedy="give the length of this bar, or correct the column's unit in --map")
     else:
         deviation = _one(columns, "deviation")
+    enough(len(angle))
     pieces = _one_way(angle)
     if len(pieces) == 1:
         return [_circle(machine, angle, deviation, setting, id)]

@@ -24,6 +24,8 @@ from symfive.validation import as_lists, as_tuples
 __all__ = ["SCHEMA", "FittedModel", "effect_to_data", "effects_from_data", "read_model", "write_model"]
 
 SCHEMA = "symfive.model/1"
+ROUNDING = 1e-6
+"""By how much correlations of a file may miss those of a covariance."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -124,12 +126,8 @@ def read_model(path: Path | str) -> FittedModel:
         entries = {str(name): _entry(name, e, path) for name, e in data["parameters"].items()}
         _check_units(machine, entries)
         names = tuple(map(str, data["covariance"]["names"]))
-        covariance = np.array(data["covariance"]["matrix"], dtype=float).reshape(len(names), len(names))
-        if (
-            len(set(names)) < len(names)
-            or not set(names) <= set(entries)
-            or not (np.abs(covariance) <= LARGEST**2).all()
-        ):
+        covariance = _numbers(data["covariance"]["matrix"])
+        if len(set(names)) < len(names) or not set(names) <= set(entries) or not _is_covariance(covariance, len(names)):
             raise ValueError("its covariance is not one of its parameters")
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
         if isinstance(error, InputError):
@@ -153,8 +151,28 @@ def _check_units(machine: Machine, entries: Mapping[str, tuple[float, float, str
             raise ValueError(f"{shown(name)} is in {shown(unit)}")
 
 
+def _numbers(table: Any) -> Array:
+    """Numbers of a file as an array, NaN for what is none."""
+    try:
+        return np.array(table, dtype=np.float64)
+    except (TypeError, ValueError):
+        return np.array(np.nan)
+
+
+def _is_covariance(matrix: Array, size: int) -> bool:
+    """Whether it is symmetric (size, size) without negative variances, also of sums: eigenvalues of its correlations are not
+    negative, to rounding."""
+    if matrix.shape != (size, size) or not (np.abs(matrix) <= LARGEST**2).all():
+        return False
+    variance = np.diag(matrix)
+    std = np.sqrt(np.where(variance > 0.0, variance, 1.0))
+    correlations = matrix / np.outer(std, std)
+    symmetric = np.allclose(correlations, correlations.T, rtol=0.0, atol=ROUNDING)
+    return bool(symmetric and np.linalg.eigvalsh(correlations).min(initial=0.0) >= -ROUNDING * size)
+
+
 def _entry(name: str, entry: Any, path: Path) -> tuple[float, float, str]:
-    value, std = float(entry["value"]), float(entry["std"])
+    value, std = (float(_numbers(entry[key])) for key in ("value", "std"))
     if not (abs(value) <= LARGEST and 0.0 <= std <= LARGEST):
         problem = f"parameter {shown(name)} is not a number within ±{LARGEST:g} with a 1σ"
         raise InputError(problem, path=path, remedy="run symfive identify again")

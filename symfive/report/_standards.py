@@ -9,7 +9,7 @@ from markupsafe import Markup
 
 from symfive.effects import Effect
 from symfive.identify import Identification
-from symfive.numbers import plain_number, rounded, unit_words
+from symfive.numbers import rounded, unit_words
 from symfive.report._tables import Cell, table
 from symfive.report._template import fragment
 from symfive.standards import StandardValue, squareness_values, standard_values
@@ -76,7 +76,7 @@ def _known(value: StandardValue) -> float:
 
 
 def _spread(value: StandardValue) -> Cell:
-    return Cell(plain_number(value.u, value.unit) if math.isfinite(value.u) else "unknown", value.u)
+    return Cell(rounded(value.u, value.u, value.unit) if math.isfinite(value.u) else "unknown", value.u)
 
 
 def _conditions(value: StandardValue) -> str:

@@ -199,7 +199,7 @@ class Run(OnScreen):
                 raise InputError(problem, remedy="give it the length 1", keys=(name,))
         if self.length is not None and not (is_number(self.length) and 0.0 < self.length < 1e6):
             problem = f"{owner}: length = {shown(self.length)} is not a length"
-            raise InputError(problem, remedy="write mm above 0", keys=("length",))
+            raise InputError(problem, remedy="write mm above 0 and below 1e6", keys=("length",))
         finite(owner, start_s=self.start_s)
         many = isinstance(self.noise_um, Mapping)
         for noise in self.noise_um.values() if isinstance(self.noise_um, Mapping) else (self.noise_um,):

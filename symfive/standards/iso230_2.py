@@ -1,4 +1,4 @@
-"""Positioning of linear axes (ISO 230-2): A, E, R, M and B.
+"""Positioning of linear and rotary axes (ISO 230-2): A, E, R, M and B.
 
 With x_ij the deviation at target i in approach j, from below (↑) or above (↓), n approaches each,
 
@@ -23,21 +23,23 @@ import numpy as np
 
 from symfive.arrays import Array
 from symfive.campaign import Campaign, Run
+from symfive.numbers import unit_words
 from symfive.standards._place import place_of
 from symfive.standards._value import COVERAGE, StandardValue
 
 STANDARD = "ISO 230-2"
-SAME_MM = 1e-3
-"""Commands so near each other are one target."""
+SAME = 1e-3
+"""Commands so near each other (mm or degree) are one target."""
 LEAST, ASKED = 2, 5
 """Approaches from one side that a standard deviation needs, and that the standard asks for."""
-STEP = 1e-6
+STEP, BESIDE = 1e-6, 1e-3
+"""Of the differences, and of what parts equal readings: far below what a laser resolves (µm, µrad)."""
 Quantity = Callable[[Array, Array], float]
 
 
 @dataclass(frozen=True)
 class Approaches:
-    """Deviations µm at `targets` (m,) mm: `up` and `down` (m, n), an empty (m, 0) where a side was not measured."""
+    """Deviations (µm, µrad) at `targets` (m,) mm or degree: `up` and `down` (m, n), (m, 0) of a side that was not measured."""
 
     targets: Array
     up: Array
@@ -80,20 +82,20 @@ ONE: dict[str, Callable[[Array], float]] = {
 
 
 def positioning_values(campaign: Campaign) -> tuple[StandardValue, ...]:
-    """A, E, R of both directions together and of each, M and B, of every test of a linear axis with a laser at rest. Runs that
-    repeat each other are the cycles of one test."""
+    """A, E, R of both directions together and of each, M and B, of every test of an axis with a laser at rest, µm or µrad. Runs
+    that repeat each other are the cycles of one test."""
     groups = {id: group for group in campaign.repeats for id in group}
     tests = dict.fromkeys(
         groups.get(run.id, (run.id,)) for run in campaign.runs
         if run.measured and not run.dynamic and "laser" in run.instrument
-        and str(run.options["axis"]) in campaign.machine.linear_axes
     )  # fmt: skip
     return tuple(value for ids in tests for value in _of_test(campaign, [campaign.run(id) for id in ids]))
 
 
 def _of_test(campaign: Campaign, runs: Sequence[Run]) -> list[StandardValue]:
-    axis, noise = str(runs[0].options["axis"]), runs[0].noise("laser")
-    data = approaches_of(runs, axis)
+    axis, noise = campaign.machine.axes[str(runs[0].options["axis"])], runs[0].noise("laser")
+    unit = "urad" if axis.rotary else "um"
+    data = approaches_of(runs, axis.name, unit)
     ids = tuple(run.id for run in runs)
     sides = {"up": data.up, "down": data.down}
     counts = [side.shape[1] for side in sides.values() if side.shape[1]]
@@ -102,18 +104,19 @@ def _of_test(campaign: Campaign, runs: Sequence[Run]) -> list[StandardValue]:
     limits = []
     if min(counts) < ASKED:
         limits.append(f"{min(counts)} approaches per direction: ISO 230-2 requires {ASKED}")
-    if len(data.targets) < ASKED:
+    if len(data.targets) < ASKED and not axis.rotary:
         limits.append(f"{len(data.targets)} targets: ISO 230-2 requires at least {ASKED}")
-    limits.append("U contains the noise of a reading only, not scale, alignment and temperature of the laser")
+    limits.append("U contains the noise of a reading only, not scale, alignment and temperature of the instrument")
     conditions = {
-        "axis": axis, "targets": f"{len(data.targets)} from {data.targets[0]:g} to {data.targets[-1]:g} mm",
+        "axis": axis.name,
+        "targets": f"{len(data.targets)} from {data.targets[0]:g} to {data.targets[-1]:g} {unit_words(axis.unit)}",
         "approaches": f"{min(counts)} per direction", "feed": "not recorded", **place_of(campaign.machine, runs[0]),
     }  # fmt: skip
 
     def value(name: str, what: str, of: Callable[..., float], *parts: Array) -> StandardValue:
         u = COVERAGE * noise * _slope(of, parts)
-        return StandardValue(standard=STANDARD, name=name, what=f"{axis} {what}".strip(), value=of(*parts), u=u, unit="um",
-                             runs=ids, conditions=conditions, limits=tuple(limits))  # fmt: skip
+        return StandardValue(standard=STANDARD, name=name, what=f"{axis.name} {what}".strip(), value=of(*parts), u=u,
+                             unit=unit, runs=ids, conditions=conditions, limits=tuple(limits))  # fmt: skip
 
     found = []
     if len(counts) == len(sides):
@@ -123,9 +126,10 @@ def _of_test(campaign: Campaign, runs: Sequence[Run]) -> list[StandardValue]:
 
 
 def _slope(of: Callable[..., float], parts: Sequence[Array]) -> float:
-    """The gradient's length, by central differences: the quantities are piecewise smooth in a few hundred readings."""
-    square = 0.0
-    moved = [part.copy() for part in parts]
+    """The gradient's length, by central differences: the quantities are piecewise smooth in a few hundred readings. Where two
+    targets are equally extreme (readings are rounded) there is no gradient, so it is taken a little beside."""
+    square, beside = 0.0, np.random.default_rng(0)
+    moved = [part + beside.uniform(-BESIDE, BESIDE, part.shape) for part in parts]
     for part in moved:
         for place in np.ndindex(part.shape):
             kept = part[place]
@@ -137,8 +141,8 @@ def _slope(of: Callable[..., float], parts: Sequence[Array]) -> float:
     return float(np.sqrt(square))
 
 
-def approaches_of(runs: Sequence[Run], axis: str) -> Approaches:
-    """The deviations of static runs by target and side of approach.
+def approaches_of(runs: Sequence[Run], axis: str, unit: str) -> Approaches:
+    """The deviations (in `unit`, um or urad) of static runs by target and side of approach.
 
     A row counts as approached from where the row before it stood, the first one like the second. Where some positions were
     approached from both sides the others are overruns and no targets; every side is cut to the least number of approaches.
@@ -149,9 +153,9 @@ def approaches_of(runs: Sequence[Run], axis: str) -> Approaches:
         if len(way) < 2:
             continue
         steps = np.diff(way)
-        for at, step, reading in zip(way, [steps[0], *steps], run.readings[f"{axis}_dev_um"], strict=True):
+        for at, step, reading in zip(way, [steps[0], *steps], run.readings[f"{axis}_dev_{unit}"], strict=True):
             if step != 0.0:
-                found[round(float(at) / SAME_MM)][0 if step > 0.0 else 1].append(float(reading))
+                found[round(float(at) / SAME)][0 if step > 0.0 else 1].append(float(reading))
     enough = {key: (len(up) >= LEAST, len(down) >= LEAST) for key, (up, down) in found.items()}
     wanted = (True, True)
     if wanted not in enough.values():
@@ -162,4 +166,4 @@ def approaches_of(runs: Sequence[Run], axis: str) -> Approaches:
     for side in (0, 1):
         count = min((len(found[key][side]) for key in keys), default=0) if wanted[side] else 0
         cut.append(np.array([found[key][side][:count] for key in keys]).reshape(len(keys), count))
-    return Approaches(np.array(keys) * SAME_MM, *cut)
+    return Approaches(np.array(keys) * SAME, *cut)

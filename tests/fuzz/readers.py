@@ -11,7 +11,6 @@ from symfive.campaign import Campaign, Run, read_campaign
 from symfive.campaign._csv import read_columns  # one file without its folder
 from symfive.campaign._lines import lines_of  # lines block by block
 from symfive.cli._measure import truth_of  # without a campaign to measure
-from symfive.codegen import read_isg
 from symfive.convert import CONVERTERS, convert
 from symfive.errors import InputError
 from symfive.fleet import DONE, Row, Task, row_of
@@ -189,10 +188,6 @@ READERS: dict[str, Reader] = {
     ),
     "mtconnect": Reader(
         put=alone("probe.xml"), read=read_probe, check=right.machine_is_right, seeds=seeds.probes, words=words("xml"),
-    ),
-    "isg": Reader(
-        put=alone("table.csv"), read=lambda folder: read_isg(folder / "table.csv", right.made("table-bc")),
-        check=right.isg_is_right, seeds=seeds.isg_tables, words=words("isg"),
     ),
     "convert": Reader(
         put=unpack, read=read_recorded, check=right.campaign_is_right, seeds=seeds.recorded, words=words("recording"),

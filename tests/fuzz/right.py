@@ -22,7 +22,7 @@ from .checks import LONGEST_SENTENCE, Fault, equal, finite
 from .seeds import DATA
 
 __all__ = [
-    "campaign_is_right", "circle_is_right", "isg_is_right", "machine_is_right", "made", "model_is_right",
+    "campaign_is_right", "circle_is_right", "machine_is_right", "made", "model_is_right",
     "recording_is_right", "row_is_right", "truth_is_right",
 ]  # fmt: skip
 
@@ -154,12 +154,3 @@ def circle_is_right(run: Run, target: Path) -> None:
     """The run is a campaign's like any other."""
     finite(run, "run")
     campaign_is_right(Campaign(machine=made("three-axis"), runs=(run,)), target)
-
-
-def isg_is_right(found: dict[str, float], target: Path) -> None:
-    """Only finite values of parameters that the machine has."""
-    finite(found, "parameters")
-    machine = made("table-bc")
-    for name in found:
-        if name.split(".")[0] not in machine.errors:
-            raise Fault(f"{name} is no parameter of the machine")

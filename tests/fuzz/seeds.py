@@ -15,7 +15,6 @@ __all__ = [
     "campaigns",
     "circles",
     "declared",
-    "isg_tables",
     "machines",
     "nothing",
     "probes",
@@ -80,13 +79,6 @@ def declared() -> Iterator[bytes]:
 def probes() -> Iterator[bytes]:
     """The probes of the tests."""
     return (path.read_bytes() for path in sorted((DATA / "mtconnect").glob("*.xml")))
-
-
-def isg_tables() -> Iterator[bytes]:
-    """A table as symfive writes it, shortened, and a small one."""
-    text = (DATA / "golden" / "isg" / "sf.isg.csv").read_bytes()
-    yield b"\n".join(text.split(b"\n")[:20]) + b"\n"
-    yield b"// x\nX0C Y0C A0B\n1e-3 2 -1e-6\n#\nC EXC\n0 0.1\n90 0.2 // y\n180 0.3\n"
 
 
 LOG = "".join(

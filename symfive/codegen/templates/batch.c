@@ -93,6 +93,7 @@ $point_body
 INLINED void jacobian_past_caches(const v *restrict q, const double *restrict c, v *restrict position, v *restrict by_p)
 {
     const v zero UNUSED = { 0.0 };
+    (void)by_p;
 $jacobian_body
 }
 #undef PUT
@@ -103,6 +104,7 @@ static __attribute__((noinline)) void jacobian_kept(const v *restrict q, const d
                                                     v *restrict by_p, const size_t stride)
 {
     const v zero UNUSED = { 0.0 };
+    (void)by_p;
     (void)stride;
 $jacobian_body
 }
@@ -113,6 +115,7 @@ $jacobian_body
 INLINED void jacobian_times(const v *restrict q, const double *restrict c, const double *restrict d, v *restrict predicted)
 {
     const v zero UNUSED = { 0.0 };
+    (void)d;
     v position[3];
     v sum[3] = { { 0.0 }, { 0.0 }, { 0.0 } };
 $jacobian_body
@@ -199,7 +202,7 @@ static __attribute__((noinline)) void tile_leverage(const v *restrict by_p, cons
         v x0 = zero, x1 = zero, x2 = zero, x3 = zero, y0 = zero, y1 = zero, y2 = zero, y3 = zero;
         v z0 = zero, z1 = zero, z2 = zero, z3 = zero;
 
-        for (size_t k = 0; k < ${parameters}U; ++k) {
+        for (size_t k = 0; k != ${parameters}U; ++k) {
             const v x = by_p[3U * k], y = by_p[(3U * k) + 1U], z = by_p[(3U * k) + 2U];
             const double *const f = factor + (k * rank) + r;
 
@@ -215,7 +218,7 @@ static __attribute__((noinline)) void tile_leverage(const v *restrict by_p, cons
     for (; r < rank; ++r) {
         v x = zero, y = zero, z = zero;
 
-        for (size_t k = 0; k < ${parameters}U; ++k) {
+        for (size_t k = 0; k != ${parameters}U; ++k) {
             const double f = factor[(k * rank) + r];
 
             x += by_p[3U * k] * f; y += by_p[(3U * k) + 1U] * f; z += by_p[(3U * k) + 2U] * f;

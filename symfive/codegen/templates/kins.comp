@@ -7,8 +7,8 @@ A pin per parameter (um, urad as in ${prefix}.h) begins with its identified valu
 Values set before the control starts, or while words are the axes' own positions, hold at once. Otherwise a pin that changes is
 followed at the speed of pin ramp, 20 um or urad a second, 0: not at all. Pin following is true meanwhile. A pin that is not a number, infinite or beyond 1e6 is not followed:
 pin fault is true, and the value before remains. Where the tool length is not finite, no pose is found.
-Pin tool-offset is the tool length: net it to motion.tooloffset.z. Positive rotary commands turn after ISO 841, which is
-opposite to the stock trunnion kinematics without conventional-directions.
+Pin tool-offset is the tool length: net it to motion.tooloffset.z. Rotary axes turn about their directions in ${prefix}.h; the
+stock trunnion kinematics without conventional-directions turn theirs against ISO 841.
 
 Where motion.switchkins-type is 0, x y z of a program are the tool centre point in the workpiece frame; where it is 1, they
 are the axes' own positions. Change a tool length (G43) while it is 1: a tilted tool's point would jump otherwise.

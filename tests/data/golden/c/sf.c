@@ -1,6 +1,6 @@
 /*
  * sf.c: see sf.h. Made by symfive 0.1.0; change the model, not this file.
- * model sha256 13409fc67291d724fbbb9466096b0f029d47c9a44b21fe7d974c87c4a45bf0db
+ * model sha256 74a1813ac4abe34ed5aac8b3a152445812b6762ed1acfd3276113623cfb8024c
  */
 #include <math.h>
 #include "sf.h"

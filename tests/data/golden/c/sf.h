@@ -3,7 +3,7 @@
  *
  * Made by symfive 0.1.0 from the model below; change the model, not this file.
  *   structure    w C' B' X' Y' b Z t   (ISO 10791-6, from the workpiece over the bed to the tool)
- *   model        sha256 13409fc67291d724fbbb9466096b0f029d47c9a44b21fe7d974c87c4a45bf0db
+ *   model        sha256 74a1813ac4abe34ed5aac8b3a152445812b6762ed1acfd3276113623cfb8024c
  *   values       identified
  *
  * Units          lengths mm, angles rad, parameters as listed below (um = micrometre, urad = microradian).
@@ -21,7 +21,7 @@
  *   q[0] Y, mm: linear, carries the workpiece, direction (0, 1, 0), travel -250 ... 250 mm
  *   q[1] X, mm: linear, carries the workpiece, direction (1, 0, 0), travel -300 ... 300 mm
  *   q[2] B, rad: rotary, carries the workpiece, direction (0, 1, 0), through (0, 0, 0) mm, travel -110 ... 110 deg
- *   q[3] C, rad: rotary, carries the workpiece, direction (0, 0, 1), through (0, 0, 0) mm, travel -3600 ... 3600 deg
+ *   q[3] C, rad: rotary, carries the workpiece, direction (0, 0, 1), through (0, 0, 0) mm, travel -180 ... 180 deg
  *   q[4] Z, mm: linear, carries the tool, direction (0, 0, 1), travel -100 ... 450 mm
  *
  * Order of p:
@@ -62,7 +62,7 @@ typedef double sf_real;
 #define SF_AXES 5
 #define SF_PARAMETERS 9
 #define SF_P_SIZE 9 /* length of the array p: at least one, since C has no empty arrays */
-#define SF_MODEL "13409fc67291d724fbbb9466096b0f029d47c9a44b21fe7d974c87c4a45bf0db"
+#define SF_MODEL "74a1813ac4abe34ed5aac8b3a152445812b6762ed1acfd3276113623cfb8024c"
 
 /*
  * What the functions return. Results may be used after SF_OK and SF_SINGULAR, and are finite then. After anything else

@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 HERE = Path(__file__).resolve().parent
-MODEL = "13409fc67291d724fbbb9466096b0f029d47c9a44b21fe7d974c87c4a45bf0db"
+MODEL = "74a1813ac4abe34ed5aac8b3a152445812b6762ed1acfd3276113623cfb8024c"
 AXES = ("Y", "X", "B", "C", "Z",)
 PARAMETERS = (
     "EC0X",

@@ -1,6 +1,6 @@
 /*
  * sf_batch.c: see sf_batch.h. Made by symfive 0.1.0; change the model, not this file.
- * model sha256 13409fc67291d724fbbb9466096b0f029d47c9a44b21fe7d974c87c4a45bf0db
+ * model sha256 74a1813ac4abe34ed5aac8b3a152445812b6762ed1acfd3276113623cfb8024c
  */
 #include <math.h>
 #include "sf_batch.h"
@@ -115,7 +115,7 @@ size_t sf_batch_lanes(void)
 
 const char *sf_batch_model(void)
 {
-    return "13409fc67291d724fbbb9466096b0f029d47c9a44b21fe7d974c87c4a45bf0db";
+    return "74a1813ac4abe34ed5aac8b3a152445812b6762ed1acfd3276113623cfb8024c";
 }
 
 void sf_batch_prepare(const double *tool, const double *p, double *c)
@@ -209,6 +209,7 @@ INLINED void point_tile(const v *restrict q, const double *restrict c, v *restri
 INLINED void jacobian_past_caches(const v *restrict q, const double *restrict c, v *restrict position, v *restrict by_p)
 {
     const v zero UNUSED = { 0.0 };
+    (void)by_p;
     v s0, c0;
     sine_cosine(q[3], &s0, &c0);
     v s2, c2;
@@ -318,6 +319,7 @@ static __attribute__((noinline)) void jacobian_kept(const v *restrict q, const d
                                                     v *restrict by_p, const size_t stride)
 {
     const v zero UNUSED = { 0.0 };
+    (void)by_p;
     (void)stride;
     v s0, c0;
     sine_cosine(q[3], &s0, &c0);
@@ -427,6 +429,7 @@ static __attribute__((noinline)) void jacobian_kept(const v *restrict q, const d
 INLINED void jacobian_times(const v *restrict q, const double *restrict c, const double *restrict d, v *restrict predicted)
 {
     const v zero UNUSED = { 0.0 };
+    (void)d;
     v position[3];
     v sum[3] = { { 0.0 }, { 0.0 }, { 0.0 } };
     v s0, c0;
@@ -612,7 +615,7 @@ static __attribute__((noinline)) void tile_leverage(const v *restrict by_p, cons
         v x0 = zero, x1 = zero, x2 = zero, x3 = zero, y0 = zero, y1 = zero, y2 = zero, y3 = zero;
         v z0 = zero, z1 = zero, z2 = zero, z3 = zero;
 
-        for (size_t k = 0; k < 9U; ++k) {
+        for (size_t k = 0; k != 9U; ++k) {
             const v x = by_p[3U * k], y = by_p[(3U * k) + 1U], z = by_p[(3U * k) + 2U];
             const double *const f = factor + (k * rank) + r;
 
@@ -628,7 +631,7 @@ static __attribute__((noinline)) void tile_leverage(const v *restrict by_p, cons
     for (; r < rank; ++r) {
         v x = zero, y = zero, z = zero;
 
-        for (size_t k = 0; k < 9U; ++k) {
+        for (size_t k = 0; k != 9U; ++k) {
             const double f = factor[(k * rank) + r];
 
             x += by_p[3U * k] * f; y += by_p[(3U * k) + 1U] * f; z += by_p[(3U * k) + 2U] * f;

@@ -1,7 +1,7 @@
 /*
  * sf_batch.h: the real tool's point and its parameter Jacobian for many poses, with the vector types of GCC and Clang.
  *
- * Made by symfive 0.1.0 from model sha256 13409fc67291d724fbbb9466096b0f029d47c9a44b21fe7d974c87c4a45bf0db.
+ * Made by symfive 0.1.0 from model sha256 74a1813ac4abe34ed5aac8b3a152445812b6762ed1acfd3276113623cfb8024c.
  * Compile with -std=gnu99 -O2 -march=native, never with -ffast-math. Double precision. Units, signs and orders as in sf.h.
  *
  * Poses stand in tiles of SF_LANES: element i of pose n is at [(n / LANES) * size * LANES + i * LANES + n % LANES]. Every

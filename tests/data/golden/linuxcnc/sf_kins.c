@@ -1,6 +1,6 @@
 /*
  * sf_kins.c: joints (mm, degree) and world coordinates of "tilting table BC" as LinuxCNC counts them, in plain C99.
- * Made by symfive 0.1.0; change the model, not this file. model sha256 13409fc67291d724fbbb9466096b0f029d47c9a44b21fe7d974c87c4a45bf0db
+ * Made by symfive 0.1.0; change the model, not this file. model sha256 74a1813ac4abe34ed5aac8b3a152445812b6762ed1acfd3276113623cfb8024c
  *
  * World x, y, z: the controlled point in the workpiece frame, with the tool length that LinuxCNC adds along z; every other
  * world coordinate is its axis' own position. Joints in the order X Y Z B C. sf_world_of_axes and sf_axes_of_world are

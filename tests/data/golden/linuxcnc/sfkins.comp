@@ -1,14 +1,14 @@
 component sfkins "Kinematics of tilting table BC with its identified errors, one pin each";
 description """
-Made by symfive 0.1.0; change the model, not this file. model sha256 13409fc67291d724fbbb9466096b0f029d47c9a44b21fe7d974c87c4a45bf0db
+Made by symfive 0.1.0; change the model, not this file. model sha256 74a1813ac4abe34ed5aac8b3a152445812b6762ed1acfd3276113623cfb8024c
 
 Structure w C' B' X' Y' b Z t, joints in the order X Y Z B C; joint and world coordinates in mm and degree.
 A pin per parameter (um, urad as in sf.h) begins with its identified value; all at 0 is the machine without errors.
 Values set before the control starts, or while words are the axes' own positions, hold at once. Otherwise a pin that changes is
 followed at the speed of pin ramp, 20 um or urad a second, 0: not at all. Pin following is true meanwhile. A pin that is not a number, infinite or beyond 1e6 is not followed:
 pin fault is true, and the value before remains. Where the tool length is not finite, no pose is found.
-Pin tool-offset is the tool length: net it to motion.tooloffset.z. Positive rotary commands turn after ISO 841, which is
-opposite to the stock trunnion kinematics without conventional-directions.
+Pin tool-offset is the tool length: net it to motion.tooloffset.z. Rotary axes turn about their directions in sf.h; the
+stock trunnion kinematics without conventional-directions turn theirs against ISO 841.
 
 Where motion.switchkins-type is 0, x y z of a program are the tool centre point in the workpiece frame; where it is 1, they
 are the axes' own positions. Change a tool length (G43) while it is 1: a tilted tool's point would jump otherwise.
