@@ -101,6 +101,13 @@ def test_force_is_that_of_point_masses(structure: str, axis: str) -> None:
 def test_it_needs_another_axis_that_turns() -> None:
     with pytest.raises(InputError, match="no other rotary axis of its chain moves"):
         make_effect("load_inertia", "J2").prepare(moving("w b X J1 Y J2 J3 t", "J2", ("J2", "X")))
+    turntable = Machine(
+        name="t", structure=Structure.parse("w b J1 X t"), axes={k: AXES[k] for k in ("J1", "X")}, errors={}
+    )
+    (run,) = moving("w b X J1 Y J2 J3 t", "X").runs
+    commands = {name: run.commands[name] for name in ("J1", "X")}
+    with pytest.raises(InputError, match="no other rotary axis of its chain moves"):  # X carries none
+        make_effect("load_inertia", "X").prepare(Campaign(machine=turntable, runs=(replace(run, commands=commands),)))
     with pytest.raises(InputError, match="no run records the drive force of J1"):
         make_effect("load_inertia", "J1").prepare(moving("w b X J1 Y J2 J3 t", "J2"))
 

@@ -38,7 +38,7 @@ class LoadInertia(ForceEffect):
 
     Over the rotary axes from this axis outward, k: the body that k turns has the moments ∫x dm (3, kg m) and ∫x xᵀ dm (6, kg m²),
     x from the origin of k; r̈ is the acceleration that all axes from the bed to k give it. So the inertia that a drive feels
-    changes with the pose of what its axis carries, and whose motion acts back on it; what does not change is the baseline's.
+    changes with the pose of what its axis carries, and their motion acts back on it; what does not change is the baseline's.
     Only some combinations of the moments matter (M. Gautier & W. Khalil 1990): the rows of `combined`, found from the commanded
     motion, each with its amplitude, the rms of the force that it adds, of prior 1σ `usual`. `moved`: the axes of the chain that
     move.
@@ -61,7 +61,7 @@ class LoadInertia(ForceEffect):
             raise InputError(f"{self.key}: no run records the drive force of {self.axis}", remedy="record drive_force")
         moved = tuple(axis for axis in self._chain(machine) if any(np.ptp(run.commands[axis]) > 0.0 for run in runs))
         turning = [axis for axis in moved if machine.axes[axis].rotary]
-        if not set(turning) - {self.axis}:
+        if not self._bodies(machine) or not set(turning) - {self.axis}:
             raise InputError(f"{self.key}: no other rotary axis of its chain moves", remedy="move one in the recording")
         prepared = replace(prepared, moved=moved, cut_off_hz=float(runs[0].options.get("low_pass_hz", 0.0)))
         if self.usual:
@@ -121,12 +121,9 @@ class LoadInertia(ForceEffect):
         """The force (n,) of a unit of each moment, from position, velocity and acceleration of the axes of the chain (mm, rad,
         s)."""
         own, side = machine.axes[str(self.axis)], machine.structure.carries(str(self.axis))
-        turn, at, spin = (
-            ca.DM.eye(3),
-            ca.DM(3, 1),
-            ca.DM(3, 1),
-        )  # of the body: attitude, its point `mark` (m) and angular rate,
-        mark, swing, push = ca.DM(3, 1), ca.DM(3, 1), ca.DM(3, 1)  # angular acceleration and acceleration of that point
+        # of the body: attitude and place of its point `mark` (m), angular rate and acceleration, acceleration of that point
+        turn, at, mark = ca.DM.eye(3), ca.DM(3, 1), ca.DM(3, 1)
+        spin, swing, push = ca.DM(3, 1), ca.DM(3, 1), ca.DM(3, 1)
         along, foot, found = ca.DM(3, 1), ca.DM(3, 1), []
         sign, bodies = (-1.0 if side == "workpiece" else 1.0), self._bodies(machine)
         for name in self._chain(machine):
