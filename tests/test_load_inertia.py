@@ -112,6 +112,7 @@ def test_it_needs_another_axis_that_turns() -> None:
         make_effect("load_inertia", "J1").prepare(moving("w b X J1 Y J2 J3 t", "J2"))
 
 
+@pytest.mark.slow
 def test_the_inertia_of_the_load_is_named_where_the_other_axes_turn() -> None:
     """A drive's torque while the arm that it carries folds and unfolds; alone the axis has one inertia."""
     plan = moving("w b X J1 Y J2 J3 t", "J1", rows=601)
