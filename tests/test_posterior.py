@@ -17,6 +17,7 @@ from symfive.effects import EFFECTS, Form, Scan, Tone, make_effect
 from symfive.inference import whiten
 from symfive.model import Model
 from symfive.posterior import (
+    WHITE,
     WIDTHS,
     Moments,
     Posterior,
@@ -25,6 +26,7 @@ from symfive.posterior import (
     candidates,
     contradicted,
     decide,
+    expanded,
     explore,
     fitted,
     grams,
@@ -223,6 +225,18 @@ def test_another_component_that_fits_as_well_is_an_alias_and_leaves_the_name_sur
     posterior = Posterior(held, {((0, 1.0),): prior[0], ((other, 1.0),): prior[1] - 1.0})
     (verdict,) = decide(posterior, posterior)
     assert verdict.alias == (other,) and not verdict.by_experience
+
+
+def test_a_rival_in_a_held_law_is_none_of_the_effects_that_the_fit_holds(moments: Moments) -> None:
+    """Backlash that began as a step was looked at as the play that the fit held already; that ended the diagnosis."""
+    keys = "backlash.X", "lateral_play.EBX"
+    play, other = (next(t.form for t in moments.terms if t.effect.key == key) for key in keys)
+    gradual = next(shape for shape in other.shapes if shape.shape == "play")
+    fit = fitted(Model(moments.fit.model.campaign, [play.effect, gradual]), [{}], WHITE, 1.0)
+    stated = candidates(moments.fit.model.campaign)
+    here, _ = expanded(fit, [play, replace(other, effect=gradual)], stated)
+    terms = moments_about(here, stated).terms
+    assert [t.effect.key for t in terms if t.effect.key in keys and not t.needs] == list(keys)
 
 
 def test_large_sizes_are_rare_and_none_is_excluded() -> None:
