@@ -17,6 +17,7 @@ from symfive.effects import EFFECTS, Form, Scan, Tone, make_effect
 from symfive.inference import whiten
 from symfive.model import Model
 from symfive.posterior import (
+    WHITE,
     WIDTHS,
     Moments,
     Posterior,
@@ -25,6 +26,7 @@ from symfive.posterior import (
     candidates,
     contradicted,
     decide,
+    expanded,
     explore,
     fitted,
     grams,
@@ -223,6 +225,40 @@ def test_another_component_that_fits_as_well_is_an_alias_and_leaves_the_name_sur
     posterior = Posterior(held, {((0, 1.0),): prior[0], ((other, 1.0),): prior[1] - 1.0})
     (verdict,) = decide(posterior, posterior)
     assert verdict.alias == (other,) and not verdict.by_experience
+
+
+def test_sizes_are_stated_under_the_name_of_what_is_fitted(moments: Moments) -> None:
+    """Of two equally probable axes the gain of X was stated as that of Y, which was one percent more probable."""
+    play = next(k for k, term in enumerate(moments.terms) if term.effect.key == "backlash.X")
+    held = moments_about(refitted(moments, ((play, 1.0),)), candidates(moments.fit.model.campaign))
+    other = next(k for k, term in enumerate(held.terms) if term.effect.key == "lateral_play.EBX")
+    mine, its = ((0, 1.0),), ((other, 1.0),)
+    (verdict,) = decide(Posterior(held, {mine: 0.1, its: 0.0}), Posterior(held, {mine: 0.0, its: 0.1}))
+    assert verdict.names == (held.terms[0].name, held.terms[other].name) and verdict.probability < 0.5
+
+
+def test_a_name_in_the_place_of_one_member_is_no_rival_of_another(moments: Moments) -> None:
+    """A servo mismatch of Y instead of X, without a period of the screw, was the rival of that period too."""
+    keys = "backlash.X", "thermal_drift"
+    both = [next(k for k, term in enumerate(moments.terms) if term.effect.key == key) for key in keys]
+    held = moments_about(refitted(moments, tuple((k, 1.0) for k in both)), candidates(moments.fit.model.campaign))
+    other = next(k for k, term in enumerate(held.terms) if term.effect.key == "lateral_play.EYX")
+    mine, instead = ((0, 1.0), (1, 1.0)), ((other, 1.0),)
+    plain, coarse = Posterior(held, {mine: 0.0, instead: -30.0}), Posterior(held, {mine: 0.0, instead: 0.0})
+    rivals = {verdict.term: verdict.rivals.get(held.terms[other].name, 0.0) for verdict in decide(plain, coarse)}
+    assert rivals[1] > 0.45 and rivals[0] < 0.05
+
+
+def test_a_rival_in_a_held_law_is_none_of_the_effects_that_the_fit_holds(moments: Moments) -> None:
+    """Backlash that began as a step was looked at as the play that the fit held already; that ended the diagnosis."""
+    keys = "backlash.X", "lateral_play.EBX"
+    play, other = (next(t.form for t in moments.terms if t.effect.key == key) for key in keys)
+    gradual = next(shape for shape in other.shapes if shape.shape == "play")
+    fit = fitted(Model(moments.fit.model.campaign, [play.effect, gradual]), [{}], WHITE, 1.0)
+    stated = candidates(moments.fit.model.campaign)
+    here, _ = expanded(fit, [play, replace(other, effect=gradual)], stated)
+    terms = moments_about(here, stated).terms
+    assert [t.effect.key for t in terms if t.effect.key in keys and not t.needs] == list(keys)
 
 
 def test_large_sizes_are_rare_and_none_is_excluded() -> None:

@@ -37,14 +37,14 @@ def moments_about(here: Expansion, candidates: Candidates) -> Moments:
 def _in_held_laws(here: Expansion, candidates: Candidates) -> Iterator[Form]:
     """Effects of other names in the laws that the fit holds: what may stand in the place of a held effect is looked at where the
     same contact gives way in the same shape, over the same distance, and where it moves the readings as much."""
-    taken = {form.effect.key for form in here.held}
+    taken = {effect.key for effect in here.fit.model.effects}
     for held in here.held:
         laws = {(type(law), law.axis): law.parameters for law in _contacts(held.effect)}
         change = here.fit.model.contribution(held.effect, here.fit.values) if laws else {}
         for form in candidates.forms if laws else ():
             if form.at or form.effect.key in taken or name_of(form.effect) == name_of(held.effect):
                 continue
-            for shape in form.shapes:
+            for shape in (each for each in form.shapes if each.key not in taken):
                 same = (
                     zip(law.parameters, laws.get((type(law), law.axis), ()), strict=False) for law in _contacts(shape)
                 )

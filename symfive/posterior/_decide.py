@@ -7,14 +7,17 @@ is reported has the least expected loss.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
 from symfive.effects import Unknown
 from symfive.posterior._coarse import coarsened
-from symfive.posterior._explore import Posterior, log_prior
+from symfive.posterior._evidence import added, log_evidence
+from symfive.posterior._explore import Posterior, held_by, log_prior
+from symfive.posterior._sweep import widths_of
 from symfive.posterior._terms import Name
 
 __all__ = ["Verdict", "decide", "verdicts_on"]
@@ -26,11 +29,13 @@ SAME = 2.0
 
 
 UNNAMED: Name = (Unknown.id, None)
+Covered = Callable[[int, tuple[int, ...]], float]
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What is said of one member (number `term`): its `names`, one or a class, the most probable first; none: unknown.
+    """What is said of one member (number `term`): its `names`, one or a class, first what is fitted, then the most probable;
+    none: unknown.
 
     `probability` of the first name (of unknown: that something acts there), `rivals` the probabilities of all others, `alias` the
     terms that cannot be distinguished from it in these readings, `by_experience` whether only their priors put it first.
@@ -66,15 +71,18 @@ def decide(posterior: Posterior, coarse: Posterior) -> tuple[Verdict, ...]:
     """The verdicts on what the fit holds, the most probable first: that something acts, by the posterior; what it is, by the
     `coarse` one."""
     held = frozenset(range(posterior.moments.held))
-    found = [_verdict(posterior, coarse, held, term) for term in sorted(held)]
+    covered = _covered(posterior)
+    found = [_verdict(posterior, coarse, held, term, covered) for term in sorted(held)]
     return tuple(sorted((v for v in found if v is not None), key=lambda v: -v.probability))
 
 
-def _verdict(posterior: Posterior, coarse: Posterior, held: frozenset[int], term: int) -> Verdict | None:
+def _verdict(
+    posterior: Posterior, coarse: Posterior, held: frozenset[int], term: int, covered: Covered
+) -> Verdict | None:
     terms = posterior.moments.terms
     own, unidentified = terms[term].name, terms[term].effect.unidentified
-    nothing = _shares(posterior, held, term)[1]
-    shares, empty = _shares(coarse, held, term)
+    nothing = _shares(posterior, held, term, covered)[1]
+    shares, empty = _shares(coarse, held, term, covered)
     acts = 1.0 - nothing
     if empty > nothing:  # what acts all the same, and no name explains alone
         shares[UNNAMED] = shares.get(UNNAMED, 0.0) + empty - nothing
@@ -90,8 +98,8 @@ def _verdict(posterior: Posterior, coarse: Posterior, held: frozenset[int], term
     if choice == 0:
         return None
     stated = tuple(named[: max(choice, 0)])
-    if own not in stated:  # the statement is what is fitted; a more probable name is an alternative
-        stated = ()
+    # the statement is what is fitted; a more probable name is an alternative
+    stated = (own, *(name for name in stated if name != own)) if own in stated else ()
     alias, alone = _alias(posterior, held, term)
     first = stated[0] if stated else (own if unidentified else UNNAMED)
     probability = shares[first] if stated else acts
@@ -99,22 +107,47 @@ def _verdict(posterior: Posterior, coarse: Posterior, held: frozenset[int], term
     return Verdict(term, stated, probability, rivals, alias, alone)
 
 
-def _shares(posterior: Posterior, held: frozenset[int], term: int) -> tuple[dict[Name, float], float]:
-    """How probable each name is in a member's place, and that the place is empty."""
+def _shares(posterior: Posterior, held: frozenset[int], term: int, covered: Covered) -> tuple[dict[Name, float], float]:
+    """How probable each name is in a member's place, and that the place is empty. A subset that lacks several members has a new
+    name in the place of that one of which it explains most, and of others as far as it explains them too."""
     terms = posterior.moments.terms
-    own, others = terms[term].name, {terms[t].name for t in held} - {terms[term].name}
+    own, known = terms[term].name, {terms[t].name for t in held}
     shares: dict[Name, float] = {}
     nothing = 0.0
     for subset, weight in posterior.weights.items():
         names = {terms[t].name for t in subset}
         if own in names:
             shares[own] = shares.get(own, 0.0) + weight
-        elif names - others:
-            for name in names - others:
-                shares[name] = shares.get(name, 0.0) + weight / len(names - others)
-        else:
-            nothing += weight
+            continue
+        lacking, places = [t for t in held if terms[t].name not in names], dict[Name, float]()
+        for name in names - known:
+            by = tuple(t for t in sorted(subset) if terms[t].name == name)
+            places[name] = covered(term, by) / max(covered(t, by) for t in lacking)
+        total = sum(places.values())
+        for name, place in places.items():
+            shares[name] = shares.get(name, 0.0) + weight * place / max(1.0, total)
+        nothing += weight * max(0.0, 1.0 - total)
     return shares, nothing
+
+
+def _covered(posterior: Posterior) -> Covered:
+    """Which share of what a member explains some terms can explain, however large."""
+    moments = posterior.moments
+    members = held_by(moments)
+    evidence = log_evidence(moments, members)
+    gram, parts = moments.gram[evidence.node] / evidence.kappa2, added(moments, members, evidence)
+
+    @cache
+    def covered(member: int, by: tuple[int, ...]) -> float:
+        where = [moments.columns[t].where[moments.columns[t].amplitude] for t in by]
+        least = [np.full(len(own), widths_of(moments, t)[-1] ** -2.0) for t, own in zip(by, where, strict=True)]
+        at = np.concatenate(where)
+        seen = gram[at] @ parts[member]
+        given = seen @ np.linalg.solve(gram[np.ix_(at, at)] + np.diag(np.concatenate(least)), seen)
+        tiny = float(np.finfo(np.float64).tiny)
+        return max(float(given / max(parts[member] @ gram @ parts[member], tiny)), tiny)
+
+    return covered
 
 
 def _alias(posterior: Posterior, held: frozenset[int], term: int) -> tuple[tuple[int, ...], bool]:

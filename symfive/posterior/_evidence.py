@@ -24,7 +24,7 @@ from symfive.posterior._moments import Moments
 from symfive.posterior._scale import least, solved
 
 __all__ = [
-    "SHARE", "Blocks", "Equations", "LogEvidence", "Selected", "Turned", "beside", "discrepancies", "equations",
+    "SHARE", "Blocks", "Equations", "LogEvidence", "Selected", "Turned", "added", "beside", "discrepancies", "equations",
     "evidence_of", "explained", "log_evidence", "solution",
 ]  # fmt: skip
 
@@ -227,12 +227,17 @@ def _by_member(moments: Moments, members: Sequence[Selected], x: Array) -> list[
 
 def explained(moments: Moments, members: Sequence[Selected], evidence: LogEvidence) -> list[float]:
     """The energy of what each member adds to the readings behind set-up and geometry, in units of the noise that fits best."""
-    gram, found = moments.gram[evidence.node], list[float]()
+    gram = moments.gram[evidence.node] / evidence.kappa2
+    return [float(own @ gram @ own) for own in added(moments, members, evidence)]
+
+
+def added(moments: Moments, members: Sequence[Selected], evidence: LogEvidence) -> list[Array]:
+    """What each member adds to the readings, as factors (m,) of the columns of the moments."""
+    found = list[Array]()
     for (number, _), x in zip(members, solution(moments, members, evidence), strict=True):
         own = moments.columns[number]
-        added = np.zeros(moments.size)
-        added[own.where] = x
+        found.append(np.zeros(moments.size))
+        found[-1][own.where] = x
         if own.exact >= 0:
-            added[own.exact] = 1.0
-        found.append(float(added @ gram @ added) / evidence.kappa2)
+            found[-1][own.exact] = 1.0
     return found
