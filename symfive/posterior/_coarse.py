@@ -11,7 +11,7 @@ adds to runs that are explained better without it. So a name is believed only if
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -27,6 +27,7 @@ from symfive.posterior._fit import fitted
 from symfive.posterior._moments import Moments
 from symfive.posterior._noise import NEGLIGIBLE, Node
 from symfive.posterior._scale import STEPS
+from symfive.posterior._terms import UNIDENTIFIED
 
 __all__ = ["coarsened", "contradicted", "misfit"]
 
@@ -36,14 +37,24 @@ SIZES = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 
 def coarsened(posterior: Posterior, unnamed: Collection[int] = ()) -> Posterior:
     """The posterior over the same terms by the coarsened likelihood; the same one where all that stays is noise. `unnamed` are
-    members (numbers of terms) that are taken for unidentified effects."""
+    members (numbers of terms) that are taken for unidentified effects.
+
+    Slow noise of a size that instruments hardly have may be no noise: then it is one more unidentified effect.
+    """
     moments = posterior.moments
     held = held_by(moments)
     evidence = log_evidence(moments, held)
     node = moments.nodes[evidence.node]
     energy = misfit(moments, held, unnamed) + contradicted(moments.fit, node, evidence.kappa2)
     nodes = evidence.by_node - np.logaddexp.reduce(evidence.by_node)
-    return _tempered(posterior, energy, nodes, evidence.kappa2)
+    usual = _tempered(posterior, energy, nodes, evidence.kappa2)
+    doubt = _no_noise(moments, node)
+    if doubt == 0.0:
+        return usual
+    white = np.where(np.arange(len(moments.nodes)) == 0, 0.0, -np.inf)
+    slow = moments.count * evidence.kappa2 * node.size**2
+    other = _tempered(posterior, energy + SHARE**2 * slow, white, evidence.kappa2)
+    return replace(posterior, mass=_mixed([(usual, 1.0 - doubt), (other, doubt)]))
 
 
 def _tempered(posterior: Posterior, energy: float, nodes: Array, kappa2: float) -> Posterior:
@@ -62,6 +73,26 @@ def _tempered(posterior: Posterior, energy: float, nodes: Array, kappa2: float) 
         return found.mass[held] + prior + power * (mass - posterior.mass[held] - prior)
 
     return found.corrected({subset: tempered(subset, mass) for subset, mass in posterior.exact.items()})
+
+
+def _no_noise(moments: Moments, node: Node) -> float:
+    """How probable it is that what a node holds is no noise of an instrument: an unidentified effect may have any size."""
+    if node.size == 0.0:
+        return 0.0
+    same = [each.log_prior for each in moments.nodes if each.size == node.size]
+    sizes = {each.size for each in moments.nodes if each.size > 0.0}
+    odds = UNIDENTIFIED / len(sizes) / float(np.sum(np.exp(same)))
+    return odds / (1.0 + odds)
+
+
+def _mixed(parts: Sequence[tuple[Posterior, float]]) -> dict[Subset, float]:
+    """Log mass of every subset in a mixture of posteriors."""
+    found: dict[Subset, float] = {}
+    for part, share in parts:
+        total = float(np.logaddexp.reduce(list(part.mass.values())))
+        for subset, mass in part.mass.items():
+            found[subset] = float(np.logaddexp(found.get(subset, -np.inf), mass - total + np.log(share)))
+    return found
 
 
 def contradicted(after: Identification, node: Node, kappa2: float) -> float:
