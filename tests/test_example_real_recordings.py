@@ -260,11 +260,13 @@ def test_emps_halves_give_the_same_friction_and_predict_each_other(tmp_path: Pat
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("joint", "most"), [("J2", 0.17), ("J4", 0.0115)])
+@pytest.mark.parametrize(("joint", "most"), [("J1", 0.06), ("J2", 0.14), ("J4", 0.0115)])
 def test_the_last_third_of_an_arms_motion_is_predicted_from_the_first_two(joint: str, most: float) -> None:
     (part,) = study(*real(f"tx40 ({joint})")).held_out
     assert part.after < most < part.before and part.won
-    assert joint != "J2" or [f.effect.key for f in part.findings] == ["gravity_torque.J2"]
+    assert joint != "J2" or {"gravity_torque.J2", "load_inertia.J2"} <= {
+        e.key for f in part.findings for e in f.effects
+    }
 
 
 @pytest.mark.slow
