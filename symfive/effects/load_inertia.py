@@ -11,7 +11,7 @@ import numpy as np
 
 from symfive.arrays import Array
 from symfive.effects._force import ForceEffect, usual_force
-from symfive.effects._gravity import side_of
+from symfive.effects._gravity import later_axes, side_of
 from symfive.effects._quantity import Covariance, Quantity, Values, propagate
 from symfive.errors import InputError
 from symfive.instruments.drive_force import DriveForce, FilteredMotion
@@ -81,9 +81,8 @@ class LoadInertia(ForceEffect):
         return side[: max((n for n, name in enumerate(side) if machine.axes[name].rotary), default=-1) + 1]
 
     def _bodies(self, machine: Machine) -> tuple[str, ...]:
-        chain = self._chain(machine)
-        later = chain[chain.index(str(self.axis)) :] if self.axis in chain else ()
-        return tuple(name for name in later if machine.axes[name].rotary)
+        own = str(self.axis)
+        return tuple(name for name in (own, *later_axes(machine, own)) if machine.axes[name].rotary)
 
     def _moments(self, machine: Machine) -> tuple[str, ...]:
         """Of a linear axis the moments of order 1 alone: turning masses shake it."""
