@@ -18,8 +18,6 @@ from symfive.outputs import write_parts
 from symfive.runs import Run
 from symfive.separated import LARGEST, SIGNS, Marks, cells_of, sign_of
 
-__all__ = ["read_columns", "write_columns"]
-
 SPINDLE = "spindle_deg"
 """The column that says how far the spindle is turned; a file may leave it out."""
 

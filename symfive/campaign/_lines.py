@@ -11,8 +11,6 @@ from symfive.errors import InputError
 from symfive.files import decoded, read_text
 from symfive.outputs import Reading
 
-__all__ = ["lines_of"]
-
 BLOCK_BYTES = 1 << 22
 MOST_BYTES = 100_000_000_000
 

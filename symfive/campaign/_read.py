@@ -20,8 +20,6 @@ from symfive.runs import OPTIONS, Campaign, Run, SetupSigma
 from symfive.toml_files import TomlFile, edited_toml, parse_toml, read_toml, toml_text
 from symfive.validation import as_tuples
 
-__all__ = ["SCHEMA", "campaign_problems", "read_campaign", "write_campaign", "write_campaign_files"]
-
 SCHEMA = "symfive.campaign/1"
 _TOP = ("schema", "machine", "run", "name")
 _FIELDS = {f.name for f in fields(Run)} - {

@@ -18,8 +18,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-__all__ = ["cache_folder", "discard", "find", "keep", "remember", "remembered", "workplace"]
-
 MOST = 1000
 """Functions of which something is kept; those used longest ago go first."""
 ABANDONED_S = 3600.0

@@ -19,8 +19,6 @@ import numpy as np
 
 from symfive.arrays import Array
 
-__all__ = ["FEWEST", "SHARE", "Columns"]
-
 Value = float | Array
 CHUNK = 1024
 """Rows at a time: the columns at work stay in the processor's cache."""

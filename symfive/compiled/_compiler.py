@@ -12,8 +12,6 @@ from pathlib import Path
 
 from symfive.compiled.scalar import CALLS
 
-__all__ = ["SWITCH", "Compiler", "find_compiler"]
-
 SWITCH = "SYMFIVE_COMPILER"
 """The environment variable that names the compiler; `none` switches compiling off."""
 PROGRAMS = ("cc", "gcc", "clang")

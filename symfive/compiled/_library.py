@@ -19,8 +19,6 @@ from symfive.compiled._cache import cache_folder, discard, find, keep, remember,
 from symfive.compiled._compiler import Compiler
 from symfive.compiled._source import source_of
 
-__all__ = ["Library", "compiled", "found", "interpretation_s", "key_of", "note_interpretation"]
-
 ALIGNMENT = 64
 
 

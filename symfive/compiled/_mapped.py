@@ -22,8 +22,6 @@ from symfive.compiled._columns import FEWEST, SHARE, Columns
 from symfive.compiled._compiler import SWITCH, Compiler, find_compiler
 from symfive.compiled._library import Library, compiled, found, interpretation_s, key_of, note_interpretation
 
-__all__ = ["Mapped", "Status", "status"]
-
 BLOCK = 64
 """Rows in one call of the interpreter, at most."""
 PIECE = 4096

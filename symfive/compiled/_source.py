@@ -11,8 +11,6 @@ from typing import Any
 from symfive.compiled.graph import exact_graph
 from symfive.compiled.vector import HELPERS, LANES, Rows, indented, plain_lines
 
-__all__ = ["Source", "source_of"]
-
 
 @dataclass(frozen=True)
 class Source:

@@ -8,8 +8,6 @@ from typing import Any
 
 import casadi as ca
 
-__all__ = ["Graph", "Node", "exact_graph", "graph_of"]
-
 _NAMES = {
     getattr(ca, f"OP_{name}"): name.lower()
     for name in (

@@ -9,8 +9,6 @@ from dataclasses import dataclass
 
 from symfive.compiled.graph import Graph, Node
 
-__all__ = ["CALLS", "ONE", "TWO", "Body", "number", "scalar_body"]
-
 INLINE = 48
 _INFIX = {"add": "+", "sub": "-", "mul": "*", "div": "/"}
 _TWICE = ("sq", "twice", "sign")  # their argument stands twice in the text

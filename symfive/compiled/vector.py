@@ -11,8 +11,6 @@ from importlib.resources import files
 from symfive.compiled.graph import Graph, Node
 from symfive.compiled.scalar import CALLS, ONE, TWO, Body, number, scalar_body
 
-__all__ = ["HELPERS", "LANES", "Rows", "indented", "plain_lines"]
-
 HELPERS = (files("symfive.compiled") / "templates" / "helpers.c").read_text(encoding="utf-8").rstrip("\n")
 """C of the vector types and of what the statements call."""
 LANES = (files("symfive.compiled") / "templates" / "lanes.c").read_text(encoding="utf-8").rstrip("\n")

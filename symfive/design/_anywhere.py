@@ -23,8 +23,6 @@ from symfive.design._candidates import candidates_in, pose_grid, rows_of
 from symfive.design._space import Space
 from symfive.optimal import Candidates, Rows, Task, inverse, marginal_sensitivity, relax
 
-__all__ = ["bound_anywhere"]
-
 POSES = 200
 ROUNDS, JOINING = 4, 2
 GAP = 5e-3

@@ -29,8 +29,6 @@ from symfive.parameters import Parameter
 from symfive.screen import OnScreen, listed
 from symfive.threads import one_thread
 
-__all__ = ["Assessment", "assess", "machine_information", "workspace_places"]
-
 LEVER_MM = 100.0
 WORTHLESS = 1e-4
 

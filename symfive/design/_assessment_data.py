@@ -10,8 +10,6 @@ from symfive.campaign import FIRST_LINE
 if TYPE_CHECKING:
     from symfive.design._assess import Assessment
 
-__all__ = ["assessment_data", "six_digits"]
-
 
 def assessment_data(assessment: Assessment) -> dict[str, Any]:
     """An assessment as nested mappings: expected 1σ, rank, what stays confounded, valuation, worth of rows and runs."""

@@ -14,8 +14,6 @@ from symfive.errors import InputError
 from symfive.machine import Machine
 from symfive.optimal import Rows, Task
 
-__all__ = ["affordable", "most_per_minute", "shortened"]
-
 Lay = Callable[[Rows], Schedule]
 SHARE = 0.1
 """Of the poses, taken out at a time."""

@@ -12,8 +12,6 @@ from symfive.design._space import Space
 from symfive.errors import InputError
 from symfive.optimal import Candidates, Rows, Task, inverse, marginal_sensitivity
 
-__all__ = ["best_setups", "candidates_in", "information_of", "pose_grid", "rows_of", "setup_options", "value_of"]
-
 LEVELS = {"rotary": 13, "turn": 24, "bar azimuth": 12, "bar elevation": 7}
 PER_SETUP = 500
 ROUNDS, INNER = 4, 8

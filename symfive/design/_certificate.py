@@ -24,8 +24,6 @@ from symfive.design._search import COARSE, FEW, MANY, Search
 from symfive.design._space import Space
 from symfive.optimal import Candidates, Relaxed, Rows, Task, marginal_sensitivity, relax
 
-__all__ = ["Certificate", "certify", "generate"]
-
 GAP = 2e-3
 ROUNDS = 25
 KEPT, FIRST, PATIENCE = 1e-5, 1000, 4

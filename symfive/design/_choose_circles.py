@@ -11,8 +11,6 @@ from symfive.machine import Machine
 from symfive.moves import cleared
 from symfive.nc import LETTERS
 
-__all__ = ["check_clear", "chosen_clear"]
-
 
 def check_clear(machine: Machine, runs: Iterable[Run]) -> None:
     """Raises `InputError` where something meets along the programs of these runs; a machine whose axes have no NC address gets

@@ -26,8 +26,6 @@ from symfive.errors import InputError
 from symfive.machine import Machine
 from symfive.procedures import circle_frame, heights
 
-__all__ = ["CircleCertificate", "certify_circles", "farthest", "fastest"]
-
 DENSE, NEAR = 6, 5
 """Powers of 2: circles of the dense set by family and radius, and in every round those near the circles that count."""
 ROUNDS, NARROW = 8, 0.1

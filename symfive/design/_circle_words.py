@@ -18,11 +18,6 @@ from symfive.machine import Machine
 from symfive.numbers import plain_number, unit_words
 from symfive.parameters import Parameter
 
-__all__ = [
-    "circle_words", "gain_words", "limit_words", "list_end_words", "sigma_words", "slow_noise_words",
-    "warnings_of",
-]  # fmt: skip
-
 UNSEEN = 0.9
 """A parameter whose 1σ stays above this share of its prior's is not seen."""
 NOTHING = 0.05

@@ -16,8 +16,6 @@ from symfive.model import Model
 from symfive.optimal import Criterion, inverse
 from symfive.procedures import heights
 
-__all__ = ["Circle", "Goal", "circle_information", "circle_of_runs", "measured", "true_values", "typical_values"]
-
 
 @dataclass(frozen=True)
 class Circle:

@@ -25,8 +25,6 @@ from symfive.procedures import campaign_of, planar_circle
 from symfive.screen import OnScreen, listed
 from symfive.threads import one_thread
 
-__all__ = ["CircularTest", "circular_test"]
-
 WHOLE_DEG = 360.0
 SEEN = 0.5
 """What a test tells: 1σ at most this share of the prior's."""

@@ -28,8 +28,6 @@ from symfive.model import Linearisation, Model
 from symfive.screen import OnScreen
 from symfive.threads import one_thread
 
-__all__ = ["APART", "PAUSE_S", "Candidate", "Discrimination", "Separation", "discriminate", "in_addition", "in_common"]
-
 _Lines = dict[str, Linearisation]
 ITERATIONS = 4
 PAUSE_S = 60.0

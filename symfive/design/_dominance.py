@@ -18,8 +18,6 @@ from symfive.design._space import Space
 from symfive.numbers import plain_number
 from symfive.optimal import Rows, Task
 
-__all__ = ["what_dominates"]
-
 MORE = 4.0
 """So many times as many poses would halve every 1σ that noise causes."""
 GROUPS = {error.name: error for error in SETUP_ERRORS}

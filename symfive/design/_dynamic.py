@@ -33,7 +33,7 @@ from symfive.design._circle_words import (
     slow_noise_words,
     warnings_of,
 )
-from symfive.design._circles import Circle, Goal, circle_information, circle_of_runs, measured
+from symfive.design._circles import Circle, Goal, circle_of_runs, measured
 from symfive.design._paths import FAMILIES, CircleShape, circle_runs
 from symfive.design._refine_circles import CircleObjective, refined_shapes
 from symfive.design._request import check_robust
@@ -50,8 +50,6 @@ from symfive.parameters import Parameter
 from symfive.procedures import PLANES, campaign_of, circle_frame, heights, senses
 from symfive.screen import OnScreen, listed
 from symfive.threads import one_thread
-
-__all__ = ["Circle", "CirclePlan", "best_ratio", "circle_information", "plan_circles"]
 
 RATIOS = (0.0, 0.3, 0.5, 0.7, 0.8, 0.85, 0.9, 1.1, 1.15, 1.2, 1.3, 1.5, 1.8)
 FREE = {"synchronous": ("ratio", "feed"), "planar": ("feed", "x", "y", "z")}

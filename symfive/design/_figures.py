@@ -23,8 +23,6 @@ from symfive.procedures import Nominal
 if TYPE_CHECKING:
     from symfive.design._plan import Plan
 
-__all__ = ["pose_figure", "svg", "uncertainty_figure", "worth_figure"]
-
 MOST_BARS = 400
 
 COLOURS = "viridis"

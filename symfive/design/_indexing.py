@@ -17,8 +17,6 @@ from symfive.design._space import Space
 from symfive.errors import InputError
 from symfive.optimal import Rows, Task
 
-__all__ = ["indexed", "worth_indexing"]
-
 ACROSS = ("tool_ball.x", "tool_ball.y")
 
 

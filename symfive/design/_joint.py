@@ -17,8 +17,6 @@ from symfive.design._space import Space
 from symfive.nc import Post
 from symfive.optimal import Candidates, Rows, Task
 
-__all__ = ["chosen_with_moves", "price"]
-
 Laid = tuple[Schedule, Post]
 
 

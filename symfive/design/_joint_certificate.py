@@ -22,17 +22,6 @@ from symfive.machine import Machine
 from symfive.optimal import Task
 from symfive.threads import one_thread
 
-__all__ = [
-    "INSTRUMENTS",
-    "WORDS",
-    "JointCertificate",
-    "Shared",
-    "certified",
-    "certify_joint",
-    "merged",
-    "shared_minutes",
-]
-
 INSTRUMENTS = ("r_test", "ball_bar", "touch_probe")
 RATE_HZ = 50.0
 WORDS = {"r_test": "R-test", "ball_bar": "ball bar (poses and circles)", "touch_probe": "touch probe"}

@@ -28,8 +28,6 @@ from symfive.design._mountings import Mounting
 from symfive.design._schedule import SETUP_S
 from symfive.optimal import Candidates, Task, inverse, marginal_sensitivity, relax
 
-__all__ = ["Mix", "Mixes"]
-
 Kinds = tuple[str, ...]
 GAP = 1e-2
 SHARES = (0.02, 0.1, 0.35, 1.0)

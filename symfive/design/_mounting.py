@@ -12,8 +12,6 @@ from symfive.errors import InputError
 from symfive.numbers import plain_number, unit_words
 from symfive.procedures import Nominal
 
-__all__ = ["STILL", "digits", "from_axes", "over_the_ball", "path_facts"]
-
 STILL = 1e-3
 """What moves by less, mm or degree, stands still; directions that differ by less are one."""
 

@@ -21,8 +21,6 @@ from symfive.design._space import UNIT_MM, Space
 from symfive.errors import InputError
 from symfive.procedures import PLANES, Nominal, circle_frame, polar_angle
 
-__all__ = ["BAR", "CIRCLES", "Mounting", "mounting_of", "mountings_of", "with_circles"]
-
 POSES = 150
 """Poses of the grid in every mounting."""
 BAR, CIRCLES = "ball_bar", "circles"

@@ -35,8 +35,6 @@ from symfive.motion import (
 )
 from symfive.optimal import inverse
 
-__all__ = ["MovedRun"]
-
 STILL = 1e-12
 
 

@@ -23,8 +23,6 @@ import numpy as np
 from symfive.arrays import Array, Flags, Indices
 from symfive.design._circles import Goal
 
-__all__ = ["Informative", "Offered", "optimal_weights", "relaxed_bound", "together"]
-
 STEPS, GAP = 1000, 2e-3
 BETWEEN, LEAST = 25, 0.01
 """Steps between two looks at all candidates, and the share of an even weight below which one that loses is left out of these."""

@@ -23,8 +23,6 @@ from symfive.design._space import Space
 from symfive.design._starts import each
 from symfive.optimal import Rows, Task, both_ways, choose, exchange, greedy, refine
 
-__all__ = ["optimise"]
-
 LARGEST_REFINED = 80
 """Poses up to which the continuous refinement runs; beyond, whole numbers of the relaxed design's poses are as good."""
 SHARES, STEPS = (1.0, 1.0 / 3.0, 0.0), (12, 30, 150)

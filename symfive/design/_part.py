@@ -29,8 +29,6 @@ from symfive.numbers import plain_number
 from symfive.optimal import Criterion, Trace, Worst
 from symfive.toolpath import ToolPath
 
-__all__ = ["Expected", "Part", "part_criterion"]
-
 PLACES = 150
 """Places by which designs are compared; what is reported is over all."""
 AT_ONCE = 2000

@@ -22,8 +22,6 @@ if TYPE_CHECKING:
 
     from symfive.design._plan import Plan
 
-__all__ = ["PartPlan", "compared", "mountings_in", "part_given"]
-
 
 @dataclass(frozen=True)
 class Left:

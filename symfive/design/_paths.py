@@ -36,8 +36,6 @@ from symfive.procedures import (
     tool_ball_of,
 )
 
-__all__ = ["FAMILIES", "CirclePath", "CircleShape", "circle_runs", "limits_met", "make_path"]
-
 FAMILIES = {
     "synchronous": ("ratio", "radius", "feed", "height"),
     "planar": ("radius", "feed", "x", "y", "z"),

@@ -36,8 +36,6 @@ from symfive.screen import OnScreen, listed
 from symfive.threads import one_thread
 from symfive.toolpath import ToolPath
 
-__all__ = ["Plan", "plan"]
-
 INDEXED = (
     "the spindle is indexed in every run: for this part this gains more than one further pose (--no-index forbids it)"
 )

@@ -13,8 +13,6 @@ from symfive.instruments import mounted
 from symfive.numbers import with_unit
 from symfive.optimal import Task
 
-__all__ = ["plan_notes"]
-
 
 def plan_notes(
     space: Space, task: Task, schedule: Schedule, certificate: Certificate, expected: Assessment, given: Campaign | None

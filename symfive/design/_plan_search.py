@@ -23,8 +23,6 @@ from symfive.moves import Tested, cleared
 from symfive.nc import LETTERS, Post
 from symfive.optimal import Candidates, Rows, Task
 
-__all__ = ["PlanSearch"]
-
 MOST_SHARES = 3
 """Numbers of runs that all get the full search."""
 Found = tuple[Rows, tuple[float, ...]]

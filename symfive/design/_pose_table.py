@@ -10,9 +10,6 @@ from symfive.instruments import instruments_of, mounted, touches_of
 from symfive.nc import Post
 from symfive.numbers import unit_words
 
-__all__ = ["mounted_before", "pose_table"]
-
-
 READ = {
     "dwell": "read",
     "stop": "the program stops and shows the number of the pose: read",

@@ -20,8 +20,6 @@ from symfive.design._space import PARALLEL, UNIT_MM, Space
 from symfive.moves import NOSE_LENGTH
 from symfive.optimal import TINY, Cells, Cut, FirstCells, Layout, first_cells, spectrum_of
 
-__all__ = ["Proved", "bounded_sensitivity"]
-
 MOST_CELLS, TOGETHER = 2_000_000, 5_000
 
 

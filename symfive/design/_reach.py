@@ -13,8 +13,6 @@ from symfive.errors import InputError
 from symfive.moves import REMEDY, Ways
 from symfive.optimal import Rows, Task, exchange
 
-__all__ = ["Reach", "with_ways_out"]
-
 PASSES = 2
 
 

@@ -23,8 +23,6 @@ from symfive.effects import Effect
 from symfive.machine import Machine
 from symfive.model import Model
 
-__all__ = ["CircleObjective", "refined_shapes"]
-
 OPTIONS: dict[str, Any] = {
     "max_iter": 25, "tol": 1e-5, "acceptable_tol": 1e-3, "acceptable_iter": 4, "mu_init": 1e-3, "bound_push": 1e-3,
     "bound_frac": 1e-3, "hessian_approximation": "limited-memory", "print_level": 0, "sb": "yes",

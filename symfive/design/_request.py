@@ -19,10 +19,6 @@ from symfive.machine import Machine
 from symfive.optimal import Criterion, Task, criterion_of
 from symfive.validation import at_most, positive
 
-__all__ = [
-    "Request", "check_counts", "check_minutes", "check_robust", "interest_of", "refuse_unseen", "task_of", "with_bars",
-]  # fmt: skip
-
 SEEN = 0.5
 """A parameter is seen by a plan where the posterior variance is below this share of its prior's."""
 LEAST = {"points": 2, "returns": 0}

@@ -13,8 +13,6 @@ from symfive.design._space import Space, make_space
 from symfive.machine import Machine
 from symfive.optimal import Candidates, Rows, Task, inverse
 
-__all__ = ["drawn_spaces", "lost_pose", "over_prior", "robust_exchange", "survive_a_lost_pose"]
-
 SHORTLIST, PASSES = 12, 2
 
 

@@ -16,8 +16,6 @@ from symfive.design._candidates import value_of
 from symfive.design._space import UNIT_MM, Space
 from symfive.optimal import Rows, Task
 
-__all__ = ["not_rounded", "on_grid", "one_tool", "rounded"]
-
 ANGLE, PLACE = np.radians(0.01), 1.0 / UNIT_MM
 """The grid: rad, and 1 mm in the units of a design."""
 RINGS = (1, 10, 100)

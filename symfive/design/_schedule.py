@@ -19,8 +19,6 @@ from symfive.nc import Positions, Post, Seat, Way, arrival_times, outside_s
 from symfive.optimal import Rows, Task, Volume, inverse
 from symfive.procedures import Nominal
 
-__all__ = ["SETUP_S", "Laid", "RunMoves", "Schedule", "on_ways", "retimed", "scheduled"]
-
 SETUP_S = 300.0
 """Time to place a nest or a ball and to mount the tool, before each run."""
 UNSAFE_S = 60.0

@@ -16,8 +16,6 @@ from symfive.design._sensitivity import PENALTY, local_maxima, sensitivity_funct
 from symfive.design._space import Space
 from symfive.optimal import Candidates, Relaxed, Task, sensitivity
 
-__all__ = ["COARSE", "FEW", "MANY", "Search"]
-
 COARSE = 4096
 FEW, MANY = 25, 125
 """Poses of the grid in a set-up from which a search ascends, by the square of how many angles a pose has: while poses are

@@ -23,8 +23,6 @@ from symfive.design._space import Space
 from symfive.moves import move_times
 from symfive.nc import Positions, Way
 
-__all__ = ["Clear", "Seated", "bars_of"]
-
 BETWEEN = np.linspace(0.0, 1.0, 37)[1:-1]
 """Shares of a move at which the limits are looked at while the order is sought."""
 FEWER = BETWEEN[2::5]

@@ -15,8 +15,6 @@ from symfive.arrays import Array, Flags
 from symfive.design._space import Space
 from symfive.optimal import Layout
 
-__all__ = ["PENALTY", "SensitivityFunction", "local_maxima", "sensitivity_function"]
-
 PENALTY = 10.0
 """Weight of the squared violation (in 100 mm) against φ over its largest value."""
 STAGES = ((PENALTY, 6), (PENALTY, 8), (30.0 * PENALTY, 6))

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = ["NOISE_HARDLY", "SETUP_ERRORS", "SetupError"]
-
 NOISE_HARDLY = 0.95
 """Share of a 1σ from which what is left of it counts as all of it: what went is a tenth of the variance at most."""
 

@@ -21,8 +21,6 @@ from symfive.nc import LETTERS, UNCHECKED, Post, collision_warning, series_of, u
 from symfive.numbers import plain_number, unit_words
 from symfive.procedures import PAUSE_S, Nominal
 
-__all__ = ["Sheet", "setup_sheet"]
-
 DRY_RUN = "Dry-run the programs without the instrument first."
 
 

@@ -36,8 +36,6 @@ from symfive.nc import touch_reach
 from symfive.optimal import Kernel
 from symfive.parameters import Parameter
 
-__all__ = ["PARALLEL", "SETUP_VARIABLES", "Space", "make_space"]
-
 SETUP_VARIABLES = ("table_ball.radius", "table_ball.angle", "table_ball.height", "tool.length")
 UNIT_MM = 100.0
 DIGITS = 6

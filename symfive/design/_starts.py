@@ -22,8 +22,6 @@ from symfive.optimal import Task
 from symfive.threads import one_thread
 from symfive.validation import freeze
 
-__all__ = ["each"]
-
 T = TypeVar("T")
 
 

@@ -17,8 +17,6 @@ from symfive.design._circles import Goal
 from symfive.design._optimal_weights import Offered, optimal_weights
 from symfive.design._sweeps import Sweeps
 
-__all__ = ["SweepCertificate", "bound_of", "certified"]
-
 
 @dataclass(frozen=True)
 class SweepCertificate:

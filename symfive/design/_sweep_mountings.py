@@ -26,8 +26,6 @@ from symfive.inference import Noise
 from symfive.optimal import Task
 from symfive.screen import plural
 
-__all__ = ["MOST", "mountings_that_pay"]
-
 MOST = 4
 """Mountings at most where nobody says how many."""
 READINGS = 200

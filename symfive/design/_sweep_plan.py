@@ -55,8 +55,6 @@ from symfive.procedures import DWELL_S, campaign_of
 from symfive.screen import OnScreen, listed, plural
 from symfive.threads import one_thread
 
-__all__ = ["SweepPlan", "plan_sweeps"]
-
 
 @dataclass(frozen=True)
 class _Kind:

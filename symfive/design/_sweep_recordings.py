@@ -17,8 +17,6 @@ from symfive.errors import InputError
 from symfive.moves import Moves
 from symfive.nc import LETTERS
 
-__all__ = ["Recording", "best_speed"]
-
 SAMPLE = 60
 """Sweeps by which speeds are compared."""
 SLACK = 0.01

@@ -20,8 +20,6 @@ from symfive.arrays import Array, Flags, Indices
 from symfive.design._circles import Goal
 from symfive.design._sweeps import Sweep, Sweeps
 
-__all__ = ["Grid", "best_way", "draw", "grid_of", "positions_of", "refined_way"]
-
 POSITIONS, OF_A_BAR, MOST_TRIED = 48, 80, 50
 """Positions between any two of which a sweep is offered, of a bar with its two variables more, and how many times as many are
 tried for them."""

@@ -32,8 +32,6 @@ from symfive.model import Model
 from symfive.optimal import inverse
 from symfive.procedures import DWELL_S, checked, followed, through
 
-__all__ = ["SLOW_S", "Sweep", "Sweeps", "noise_data", "nuisances", "recording_noise", "without_drive"]
-
 LOOKED_AT_DEG = 2.0
 """The limits of a sweep are evaluated so densely; its bodies are tested along the program (`_moves`)."""
 OFF_THE_CUP_DEG = 1.0

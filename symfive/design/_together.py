@@ -38,8 +38,6 @@ from symfive.outputs import output_folder
 from symfive.screen import OnScreen, listed
 from symfive.threads import one_thread
 
-__all__ = ["JointPlan", "plan_together"]
-
 
 @dataclass(frozen=True, repr=False)
 class JointPlan(OnScreen):

@@ -26,8 +26,6 @@ from symfive.numbers import plain_number, unit_words
 from symfive.optimal import Worst
 from symfive.validation import positive
 
-__all__ = ["plan_until"]
-
 LEAST = 2
 NO_NOISE = 1e-3
 """Of the declared noise, and of a set-up error's 1σ, in place of none."""

@@ -25,11 +25,6 @@ if TYPE_CHECKING:
     from symfive.design._plan import Plan
     from symfive.design._together import JointPlan
 
-__all__ = [
-    "SCHEMA", "driven", "plan_data", "write_circles", "write_joint", "write_plan", "write_recordings", "write_sheet",
-    "write_test",
-]  # fmt: skip
-
 SCHEMA = "symfive.plan/1"
 DRAWN = 36
 """Rows of a recording that its picture shows."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-__all__ = ["BLUE", "FAINT", "GREEN", "GRID", "INK", "ORANGE", "PAPER", "PURPLE", "SERIES"]
-
 BLUE, ORANGE, GREEN, PURPLE = "#0072b2", "#d55e00", "#009e73", "#cc79a7"
 SERIES = (BLUE, ORANGE, GREEN, PURPLE, "#e69f00", "#56b4e9")
 INK, FAINT, GRID, PAPER = "#1d2a36", "#6b7885", "#d9dfe5", "#fdfefe"

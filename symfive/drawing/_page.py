@@ -13,8 +13,6 @@ from symfive.version import __version__
 if TYPE_CHECKING:
     from jinja2 import Environment
 
-__all__ = ["PAGE_STYLE", "page", "templates"]
-
 
 def _own(name: str) -> str:
     return (files("symfive.drawing") / name).read_text(encoding="utf-8")

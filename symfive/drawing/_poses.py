@@ -16,8 +16,6 @@ from symfive.drawing._colours import SERIES
 from symfive.instruments import instruments_of
 from symfive.procedures import Nominal
 
-__all__ = ["SCRIPT", "poses_figure", "projected"]
-
 SCRIPT = (files("symfive.drawing") / "poses.js").read_text(encoding="utf-8")
 """Turns every such figure of a page by dragging and by the arrow keys."""
 TURN, TILT = -60.0, 25.0

@@ -10,8 +10,6 @@ from matplotlib import rc_context
 from matplotlib.backend_bases import get_registered_canvas_class
 from matplotlib.figure import Figure
 
-__all__ = ["rendered"]
-
 SAVED: dict[str, dict[str, Any]] = {
     "svg": {"metadata": {"Date": None}},
     "pdf": {"metadata": {"CreationDate": None}},

@@ -9,8 +9,6 @@ import numpy as np
 from symfive.arrays import Array
 from symfive.errors import InputError
 
-__all__ = ["BallRunout", "SensorCalibration", "ball_runout", "calibrate_sensors"]
-
 
 @dataclass(frozen=True)
 class SensorCalibration:

@@ -22,8 +22,6 @@ from symfive.inference import Noise, Problem, confounded_combinations, data_rank
 from symfive.model import Model
 from symfive.threads import one_thread
 
-__all__ = ["identify", "summarise"]
-
 
 def _silent(message: str) -> None:
     pass

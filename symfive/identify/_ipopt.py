@@ -11,8 +11,6 @@ from symfive.arrays import Array
 from symfive.errors import EvaluationError
 from symfive.inference import Problem
 
-__all__ = ["solve_with_ipopt"]
-
 HUBER = 1.345
 """Where Huber's loss turns linear, in σ: 95 % efficiency for Gaussian noise (P. J. Huber 1981)."""
 

@@ -19,8 +19,6 @@ from symfive.numbers import with_unit
 from symfive.parameters import Parameter
 from symfive.runs import MOUNTED
 
-__all__ = ["mounting_notes"]
-
 CERTAIN = float(np.log(0.95 / 0.05))
 """Log odds from which it is said, even odds before."""
 

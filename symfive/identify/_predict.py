@@ -22,8 +22,6 @@ from symfive.numbers import with_unit
 from symfive.screen import OnScreen, listed
 from symfive.threads import one_thread
 
-__all__ = ["Prediction", "fitted_model", "predict"]
-
 
 @dataclass(frozen=True, repr=False)
 class Prediction(OnScreen):

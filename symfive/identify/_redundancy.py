@@ -13,8 +13,6 @@ from symfive.inference import Confounding, Problem, confounded_combinations
 from symfive.machine import ErrorTerm, Machine
 from symfive.model import Model
 
-__all__ = ["all_location_errors", "redundancies"]
-
 NOISE_UM = 1e-3
 LARGE_SIGMA = 1e3
 

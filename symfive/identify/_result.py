@@ -20,8 +20,6 @@ from symfive.numbers import percent, plain_number, rounded, unit_words, with_std
 from symfive.parameters import Parameter
 from symfive.screen import MOST, OnScreen, listed
 
-__all__ = ["SCHEMA", "UNCONVERGED", "Identification", "MotionCurve"]
-
 SCHEMA = "symfive.identification/1"
 UNCONVERGED = "The fit did not converge: uncertainties may be wrong, take nothing below as final."
 CURVE_POINTS = 37

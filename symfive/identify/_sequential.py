@@ -18,8 +18,6 @@ from symfive.inference import Problem
 from symfive.machine import ErrorTerm
 from symfive.model import Model
 
-__all__ = ["Stage", "identify_by_position", "identify_sequentially"]
-
 
 @dataclass(frozen=True)
 class Stage:

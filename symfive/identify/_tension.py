@@ -9,8 +9,6 @@ from scipy.special import gammaincc
 
 from symfive.identify._result import Identification
 
-__all__ = ["Tension", "relief_notes", "tension_notes", "tensions"]
-
 TENSE = 1e-3
 """p-value at which it is said: one of a thousand machines and set-ups that are as their priors say."""
 

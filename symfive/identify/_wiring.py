@@ -17,8 +17,6 @@ from symfive.arrays import Array
 from symfive.identify._result import Identification
 from symfive.numbers import plain_number
 
-__all__ = ["wiring_doubts"]
-
 COLUMNS = ("dx_um", "dy_um", "dz_um")
 ODDS = 0.01
 """Prior odds that a sensor of a run is wired otherwise: one set-up in a hundred."""

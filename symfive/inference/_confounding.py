@@ -15,8 +15,6 @@ import numpy as np
 from symfive.arrays import Array, Flags
 from symfive.parameters import Parameter, parameter_words
 
-__all__ = ["Confounding", "confounded_combinations", "data_rank"]
-
 SHARE = 0.05
 
 

@@ -9,8 +9,6 @@ import numpy as np
 from symfive.arrays import Array
 from symfive.inference._noise import Block
 
-__all__ = ["Information", "NormalEquations"]
-
 
 @dataclass(frozen=True)
 class Information:

@@ -18,8 +18,6 @@ from symfive.disk import release
 from symfive.inference._whitening import Noise, innovations, steady_variance, whiten
 from symfive.inference._windows import spans_of
 
-__all__ = ["Block", "estimate_noise", "long_run_variance", "plain_noise", "square_of"]
-
 LEVEL = 0.01
 LOUDER = ((0.0, 20.0), (-7.0, 9.0))
 """Logarithms between which the white and the coloured part are sought, over the declared noise."""

@@ -14,10 +14,6 @@ from symfive.inference._noise import Block
 from symfive.inference._whitening import Noise, Whitening, whiten
 from symfive.inference._windows import spans_of
 
-__all__ = [
-    "OUTLIER_LEVEL", "Outlier", "isolated_outliers", "leverage_of", "one_by_one", "outlier_limit", "short_groups",
-]  # fmt: skip
-
 Key = tuple[str, str]
 OUTLIER_LEVEL = 0.01
 LONGEST_OUTLIER = 3

@@ -28,8 +28,6 @@ from symfive.instruments import INSTRUMENTS, fitted_parts, instruments_of
 from symfive.model import Model
 from symfive.runs import Run
 
-__all__ = ["Key", "Problem"]
-
 Key = tuple[str, str]
 SHORT = 100
 LOUD = 2.0

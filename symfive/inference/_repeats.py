@@ -13,8 +13,6 @@ from symfive.model import Model
 from symfive.motion import approach
 from symfive.runs import Run
 
-__all__ = ["Alike", "alike", "alone_among_repeats", "repeats_say_so"]
-
 Key = tuple[str, str]
 POSE_DIGITS = 9
 FEWEST = 3

@@ -12,8 +12,6 @@ from symfive.errors import EvaluationError
 from symfive.inference._information import Information
 from symfive.inference._problem import Problem
 
-__all__ = ["gauss_newton", "halved", "solve"]
-
 T = TypeVar("T")
 Progress = Callable[[str], None]
 MAX_STEPS = 40

@@ -14,8 +14,6 @@ import numpy as np
 
 from symfive.arrays import Array
 
-__all__ = ["TRANSIENT", "Noise", "Whitening", "innovations", "steady_variance", "whiten"]
-
 TRANSIENT = 64
 _BLOCK = 32
 _CACHED = 2**15

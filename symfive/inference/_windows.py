@@ -17,8 +17,6 @@ from symfive.disk import new_table, release
 from symfive.model import Model
 from symfive.runs import Run
 
-__all__ = ["Window", "predicted", "spans_of", "windows_of"]
-
 LONG = 50_000
 """Up to so many rows a run is one window."""
 ROWS = 16_384

@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from symfive.errors import InputError
-from symfive.instruments._base import ZERO_SIGMA_UM, Column, Instrument, setup_parameter, setup_vector, vector_constants
+from symfive.instruments._base import ZERO_SIGMA_UM, Instrument, setup_parameter, setup_vector, vector_constants
 from symfive.instruments.ball_bar import BallBar
 from symfive.instruments.displacement import Displacement
 from symfive.instruments.drive_force import DriveForce
@@ -19,6 +19,7 @@ from symfive.instruments.r_test import RTest
 from symfive.instruments.straightedge import Straightedge
 from symfive.instruments.touch_probe import TouchProbe, touches_of
 from symfive.instruments.tracker import Tracker
+from symfive.runs import Column
 
 if TYPE_CHECKING:
     from symfive.machine import Machine

@@ -15,16 +15,6 @@ if TYPE_CHECKING:
     from symfive.row import Row
     from symfive.runs import Run
 
-__all__ = [
-    "ZERO_SIGMA_UM",
-    "BallInstrument",
-    "Column",
-    "Instrument",
-    "setup_parameter",
-    "setup_vector",
-    "vector_constants",
-]
-
 Symbol = Any
 ZERO_SIGMA_UM = 1e4
 """Prior 1σ of an instrument's unknown zero: 10 mm, far more than any sensor's range."""

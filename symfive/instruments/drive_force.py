@@ -9,16 +9,15 @@ import numpy as np
 
 from symfive.arrays import Array
 from symfive.errors import InputError
-from symfive.instruments._base import Column, Instrument
+from symfive.instruments._base import Instrument
 from symfive.parameters import Parameter
+from symfive.runs import Column
 
 if TYPE_CHECKING:
     from symfive.machine import Machine
     from symfive.motion import RunMotion, Series, Signal
     from symfive.row import Row
     from symfive.runs import Run
-
-__all__ = ["DriveForce", "FilteredMotion", "low_pass"]
 
 TERMS = ("mass", "viscous", "coulomb", "offset")
 ORDER = 4

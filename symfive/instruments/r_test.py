@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from symfive.errors import InputError
-from symfive.instruments._base import ZERO_SIGMA_UM, BallInstrument, Column, setup_parameter, setup_vector
+from symfive.instruments._base import ZERO_SIGMA_UM, BallInstrument, setup_parameter, setup_vector
 from symfive.parameters import Parameter
+from symfive.runs import Column
 
 if TYPE_CHECKING:
     from symfive.machine import Machine

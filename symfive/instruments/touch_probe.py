@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from symfive.errors import InputError
-from symfive.instruments._base import BallInstrument, Column, setup_parameter, setup_vector
+from symfive.instruments._base import BallInstrument, setup_parameter, setup_vector
 from symfive.parameters import Parameter
+from symfive.runs import Column
 
 if TYPE_CHECKING:
     from symfive.machine import Machine

@@ -23,8 +23,6 @@ from symfive.compiled import Mapped
 from symfive.errors import InputError
 from symfive.machine import Axis, ErrorTerm, Machine
 
-__all__ = ["Basis", "basis_of"]
-
 Symbol = Any
 Functions = list[tuple[str, Symbol]]
 """Names, and values at one coordinate."""

@@ -19,8 +19,6 @@ import casadi as ca
 
 from symfive.machine import Axis, Machine, Structure
 
-__all__ = ["Chain", "Pose", "angles", "axis_pose", "ball_in_workpiece", "chain_of", "chain_poses", "first_order"]
-
 Symbol = Any
 """A CasADi SX expression (CasADi carries no types)."""
 LETTERS = "XYZABC"

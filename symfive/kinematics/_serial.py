@@ -8,8 +8,6 @@ import numpy as np
 
 from symfive.arrays import Array
 
-__all__ = ["axes_of_modified_dh", "forward", "placement", "rounded"]
-
 Vector = tuple[float, float, float]
 
 

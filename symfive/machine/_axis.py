@@ -12,8 +12,6 @@ from symfive.files import shown
 from symfive.machine._structure import DEFAULT_DIRECTION, default_kind
 from symfive.validation import finite, freeze, numbers, one_of, positive
 
-__all__ = ["UNREAD", "Axis", "Drive", "make_axis"]
-
 Vector = tuple[float, float, float]
 UNREAD = (-1e9, 1e9)
 """What stands for the travel of an axis whose table is wrong."""

@@ -17,8 +17,6 @@ from symfive.machine._words import machine_lines
 from symfive.screen import OnScreen
 from symfive.validation import freeze, numbers, positive
 
-__all__ = ["EffectEntry", "Machine", "Workspace", "check_error", "unknown_axis"]
-
 
 @dataclass(frozen=True, kw_only=True)
 class Workspace:

@@ -13,8 +13,6 @@ from symfive.arrays import Array
 if TYPE_CHECKING:
     from symfive.machine._data import Machine
 
-__all__ = ["designed_ball"]
-
 
 def designed_ball(machine: Machine, commands: Mapping[str, Array], tool_ball: ArrayLike) -> Array:
     """The tool's ball in the workpiece frame (N, 3) mm without errors; `commands` axis → (N,) in mm or degree.

@@ -12,8 +12,6 @@ from symfive.errors import InputError
 from symfive.files import shown
 from symfive.validation import finite, freeze, numbers, one_of, positive
 
-__all__ = ["BASES", "ErrorTerm", "axis_of_error"]
-
 _TERM = re.compile(r"E([XYZABC])(0?)([A-Za-z][A-Za-z0-9]*)\Z")
 BASES = ("polynomial", "fourier", "bspline")
 MAX_ORDER = 60

@@ -10,8 +10,6 @@ from symfive.machine._data import Machine
 from symfive.machine._read import read_machine
 from symfive.outputs import own_data
 
-__all__ = ["preset", "presets"]
-
 _PACKAGE = Path(__file__).resolve().parent.parent
 _FOLDERS = (_PACKAGE / "_designs" / "machines", _PACKAGE.parent / "designs" / "machines")
 

@@ -19,10 +19,6 @@ from symfive.outputs import write_text
 from symfive.toml_files import TomlFile, edited_toml, parse_toml, read_toml, refuse_what_toml_lacks, toml_text
 from symfive.validation import as_lists, as_tuples
 
-__all__ = [
-    "SCHEMA", "machine_from_data", "machine_problems", "machine_to_data", "read_machine", "unknown_keys", "write_machine",
-]  # fmt: skip
-
 SCHEMA = "symfive.machine/1"
 T = TypeVar("T")
 _TOP = ("schema", "name", "structure", "axes", "errors", "workspace", "model")

@@ -8,8 +8,6 @@ from dataclasses import dataclass
 from symfive.errors import InputError
 from symfive.files import shown
 
-__all__ = ["DEFAULT_DIRECTION", "Structure", "default_kind"]
-
 DEFAULT_DIRECTION = {
     "X": (1.0, 0.0, 0.0), "Y": (0.0, 1.0, 0.0), "Z": (0.0, 0.0, 1.0),
     "U": (1.0, 0.0, 0.0), "V": (0.0, 1.0, 0.0), "W": (0.0, 0.0, 1.0),

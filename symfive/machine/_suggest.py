@@ -10,8 +10,6 @@ from symfive.files import shown
 from symfive.machine._axis import Axis
 from symfive.toml_files import TomlFile
 
-__all__ = ["SIGMAS", "error_names", "meant", "nearest_error", "place_of", "refuse_slips"]
-
 SIGMAS = {"position": 50.0, "tilt": 100.0, "squareness": 40.0}
 """Prior 1σ of a machine of which nothing is known, µm and µrad."""
 CLOSE = 0.8

@@ -11,8 +11,6 @@ from symfive.numbers import plain_number, unit_words
 if TYPE_CHECKING:
     from symfive.machine._data import EffectEntry, Machine
 
-__all__ = ["machine_lines"]
-
 
 def machine_lines(machine: Machine) -> list[str]:
     """Name and structure, axes with their travels, errors with their priors, effects of the model."""

@@ -22,8 +22,6 @@ from symfive.parameters import Parameter
 from symfive.row import Row
 from symfive.runs import Run
 
-__all__ = ["RowFunction", "apply_errors", "assemble", "assembled", "kind_of", "machine_parameters", "sensed_columns"]
-
 
 def machine_parameters(machine: Machine) -> tuple[Parameter, ...]:
     """The errors of the baseline as parameters: location errors by name, error motions one per basis function."""

@@ -21,8 +21,6 @@ from symfive.screen import OnScreen, listed, plural
 from symfive.separated import LARGEST
 from symfive.validation import as_lists, as_tuples
 
-__all__ = ["SCHEMA", "FittedModel", "effect_to_data", "effects_from_data", "read_model", "write_model"]
-
 SCHEMA = "symfive.model/1"
 ROUNDING = 1e-6
 """By how much correlations of a file may miss those of a covariance."""

@@ -20,8 +20,6 @@ from symfive.parameters import Parameter
 from symfive.runs import Campaign, Run
 from symfive.screen import OnScreen, plural
 
-__all__ = ["Linearisation", "Model"]
-
 CLOCK = "clock"
 """How late the instrument of a run is: its name among the run's own unknowns."""
 

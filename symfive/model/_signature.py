@@ -10,8 +10,6 @@ from symfive.errors import InputError
 from symfive.model._model import Model
 from symfive.runs import Campaign
 
-__all__ = ["signature"]
-
 
 def signature(effect: Effect, campaign: Campaign, size: Mapping[str, float] | None = None) -> dict[str, Array]:
     """Change of the readings when the effect joins the model, everything else unchanged: run id → (N, ny), in the

@@ -11,8 +11,6 @@ from symfive.arrays import Array
 from symfive.model._assembly import RowFunction
 from symfive.runs import Run
 
-__all__ = ["Given", "Together"]
-
 FEW, MOST = 256, 1024
 """Rows of a run that is not evaluated alone, and of all runs in one call: array operations need the former and keep the latter in
 the processor's cache."""

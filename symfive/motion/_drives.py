@@ -10,8 +10,6 @@ from symfive.arrays import Array
 from symfive.motion._friction import FRICTION, add_friction, states_with_friction
 from symfive.motion._loop import LOOP, acceleration, linear_states
 
-__all__ = ["GAINS", "drive_response"]
-
 GAINS = (*LOOP, *FRICTION)
 """The quantities of a drive that can be parameters."""
 

@@ -6,8 +6,6 @@ import numpy as np
 
 from symfive.arrays import Array
 
-__all__ = ["first_order", "first_order_slope"]
-
 NEGLIGIBLE = 1e-18
 
 

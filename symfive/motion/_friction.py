@@ -27,8 +27,6 @@ from symfive.arrays import Array
 from symfive.compiled import Mapped
 from symfive.motion._loop import LOOP, linear_recurrence, linear_states, step_matrices
 
-__all__ = ["FRICTION", "add_friction", "states_with_friction"]
-
 FRICTION = ("coulomb", "stiction", "stribeck_speed", "pre_sliding")
 """Friction while sliding, what it has more at rest (mm/s² or rad/s²), the speed at which that fades (mm/s or rad/s), the way
 in which the contact yields (mm or rad)."""

@@ -12,8 +12,6 @@ from symfive.arrays import Array, Flags, Indices
 if TYPE_CHECKING:
     from symfive.runs import Run
 
-__all__ = ["filled", "programme_of"]
-
 SIDE = 4
 """Rows of each side that say how the programme went on."""
 CORNER = 0.2

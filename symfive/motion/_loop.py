@@ -17,8 +17,6 @@ import numpy as np
 
 from symfive.arrays import Array
 
-__all__ = ["LOOP", "acceleration", "discretisation", "linear_recurrence", "linear_states", "step_matrices"]
-
 LOOP = ("position_gain", "velocity_gain", "integral_time", "viscous", "feedforward")
 """The quantities of a drive that the machine file states, in order."""
 _SQUARINGS = 14

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from symfive.machine import Axis, Machine
     from symfive.runs import Run
 
-__all__ = ["LAG", "AxisMotion", "RunMotion", "Series", "Signal"]
-
 T = TypeVar("T")
 LAG = "lag"
 """The quantity of an axis without a drive that can be a parameter, s."""

@@ -20,8 +20,6 @@ import numpy as np
 from symfive.arrays import Array
 from symfive.motion._loop import LOOP, acceleration, discretisation, linear_recurrence
 
-__all__ = ["moved_response"]
-
 
 @lru_cache(maxsize=1)
 def _in_time() -> Any:

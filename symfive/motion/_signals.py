@@ -17,11 +17,6 @@ from symfive.arrays import Array
 from symfive.motion._loop import linear_recurrence
 from symfive.motion._motion import RunMotion, Series
 
-__all__ = [
-    "Acceleration", "Command", "Direction", "Play", "Position", "PreSliding", "Resonance",
-    "ReversalDistance", "ReversalTime", "SpindleAngle", "Velocity", "unmoved",
-]  # fmt: skip
-
 LONG_AGO_S = FAR = 1e6
 """Before the first reversal an axis counts as far from one, in s and in mm or rad."""
 FINE_S = 2e-3

@@ -24,11 +24,6 @@ import numpy as np
 
 from symfive.machine import Workspace
 
-__all__ = [
-    "BALL_RADIUS", "NOSE_LENGTH", "POST_TOP", "TABLE_EDGE", "angle_clearance", "least_elevation", "nose_may_reach_post",
-    "nose_over_table", "post_clearance",
-]  # fmt: skip
-
 NOSE_LENGTH = 300.0
 """mm of the spindle nose and housing above its lower end that are kept off everything."""
 TABLE_EDGE = 50.0

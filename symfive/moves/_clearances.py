@@ -16,8 +16,6 @@ from symfive.machine import Machine
 from symfive.moves._bodies import BALL_RADIUS, NOSE_LENGTH, POST_TOP, TABLE_EDGE, least_elevation
 from symfive.moves._distance import Rod, apart
 
-__all__ = ["Clearances"]
-
 TABLE_DEPTH = 2000.0
 """mm of the table as a body: nobody says what is under it."""
 ON_THE_BAR = ("spindle nose and bar", "bar and post", "bar and table", "bar and cup")

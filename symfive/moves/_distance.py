@@ -18,8 +18,6 @@ import numpy as np
 
 from symfive.arrays import Array, Flags, Indices
 
-__all__ = ["Rod", "apart"]
-
 STEPS, WITHIN_MM = 40, 1e-4
 """Steps of the search, and how near the two bounds are when it ends."""
 FLAT = 1e-12

@@ -18,8 +18,6 @@ from symfive.machine import Machine
 from symfive.moves._clearances import ON_THE_BAR, Clearances
 from symfive.nc import Positions, Step
 
-__all__ = ["ROUNDING_MM", "Moves", "blocked_moves"]
-
 LINEAR_MM, ROTARY_DEG = 4.0, 1.0
 """A move is looked at at least so densely."""
 FINE_MM = 0.25

@@ -16,8 +16,6 @@ from symfive.arrays import Array, Indices
 from symfive.machine import Axis, Machine
 from symfive.nc import CAUTION, able
 
-__all__ = ["kept_apart", "move_times", "out_and_back", "round_trip", "there_and_back"]
-
 
 def _axis_time(way: Array, axis: Axis) -> Array:
     """Time from rest to rest, s."""

@@ -25,8 +25,6 @@ import numpy as np
 from symfive.arrays import Array, Flags, Indices
 from symfive.optimal._spectrum import Spectrum
 
-__all__ = ["TINY", "Cells", "Cut", "FirstCells", "first_cells"]
-
 Order = tuple[int, ...]
 NEGLECTED, WIDEST, MOST_FIRST = 4e-6, math.radians(20.0), 1_500_000
 """Share of the limit that the fifth derivatives add in a first cell, and most of these cells: one costs a twentieth of a cell

@@ -25,8 +25,6 @@ import numpy as np
 from symfive.arrays import Array
 from symfive.errors import InputError
 
-__all__ = ["CRITERIA", "Criterion", "criterion_of", "name_of"]
-
 SMOOTHING = 32.0
 """Exponent of the p-means of E and G: at most log(s)/32 away from the maximum."""
 

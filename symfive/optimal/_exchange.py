@@ -9,8 +9,6 @@ import numpy as np
 from symfive.arrays import Array, Indices
 from symfive.optimal._information import Layout, Task, inverse
 
-__all__ = ["Candidates", "choose", "exchange", "greedy"]
-
 WORTH = 1e-6
 """An exchange must lower ψ by more than this."""
 PASSES = 12

@@ -9,8 +9,6 @@ import numpy as np
 from symfive.arrays import Array, Indices
 from symfive.optimal._criteria import Criterion
 
-__all__ = ["Layout", "Task", "inverse"]
-
 
 def inverse(matrix: Array) -> Array:
     """Inverse of a symmetric positive definite matrix, equilibrated first (its parameters' sizes differ by 10⁴)."""

@@ -15,8 +15,6 @@ import casadi as ca
 from symfive.arrays import Array
 from symfive.compiled import Mapped
 
-__all__ = ["Kernel"]
-
 
 class Kernel:
     """Rows of one kind.

@@ -24,8 +24,6 @@ from symfive.arrays import Array, Indices
 from symfive.optimal._information import Task
 from symfive.optimal._kernel import Kernel
 
-__all__ = ["Objective", "Rows", "refine"]
-
 WITHIN = 1e-6
 """Limits are kept by this much, and met to as much: a design a hair beyond one of them would be lost."""
 OPTIONS: dict[str, Any] = {

@@ -19,8 +19,6 @@ from symfive.arrays import Array
 from symfive.optimal._exchange import Candidates
 from symfive.optimal._information import Task, inverse
 
-__all__ = ["Relaxed", "marginal_sensitivity", "relax", "sensitivity"]
-
 TOLERANCE = 1e-3
 NEGLIGIBLE = 1e-6
 MULTIPLICATIVE, FRESH = 10, 40

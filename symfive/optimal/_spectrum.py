@@ -21,8 +21,6 @@ from numpy.polynomial import chebyshev
 
 from symfive.arrays import Array, Indices
 
-__all__ = ["Spectrum", "spectrum_of"]
-
 Order = tuple[int, ...]
 ValuesAt = Callable[[Array], Array]
 """φ (n,) at poses (n, d)."""

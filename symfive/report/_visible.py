@@ -9,8 +9,6 @@ import numpy as np
 from symfive.arrays import Array
 from symfive.identify import Identification
 
-__all__ = ["visible_parts"]
-
 
 def visible_parts(before: Identification, contributions: Sequence[Mapping[str, Array]]) -> list[dict[str, Array]]:
     """Each contribution (run → (N, ny)) less what the parameters of `before` take of it.

@@ -14,8 +14,6 @@ from symfive.runs._run import Run, file_identity
 from symfive.screen import OnScreen, listed, plural
 from symfive.validation import freeze
 
-__all__ = ["MOUNTED", "Campaign"]
-
 MOUNTED = {"tool_ball": "tool ball", "table_ball": "table ball", "length": "bar"}
 """What may stay mounted from run to run, in words."""
 

@@ -2,8 +2,6 @@
 
 from dataclasses import dataclass
 
-__all__ = ["Column"]
-
 
 @dataclass(frozen=True)
 class Column:

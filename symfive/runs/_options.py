@@ -9,8 +9,6 @@ from symfive.errors import InputError
 from symfive.files import shown
 from symfive.validation import is_number
 
-__all__ = ["OPTIONS", "check_options"]
-
 
 def _text(value: Any) -> bool:
     return isinstance(value, str)

@@ -8,8 +8,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from symfive.runs._run import Run
 
-__all__ = ["Piece"]
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Piece:

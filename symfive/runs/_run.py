@@ -24,8 +24,6 @@ from symfive.validation import finite, freeze, is_number, numbers, one_of
 if TYPE_CHECKING:
     from symfive.parameters import Parameter
 
-__all__ = ["FIRST_LINE", "Run", "SetupSigma", "file_identity"]
-
 Vector = tuple[float, float, float]
 FIRST_LINE = 2
 """The line of a run's file in which its row 0 stands, as an editor counts: the header is line 1."""
