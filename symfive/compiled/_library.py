@@ -1,14 +1,16 @@
-"""One function over rows as machine code: found on disk or compiled, loaded, called."""
+"""One function over rows: its C source, found on disk as machine code or compiled, loaded, called."""
 
 from __future__ import annotations
 
 import ctypes
 import functools
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
+from string import Template
 from typing import Any
 
 import casadi as ca
@@ -17,7 +19,8 @@ import numpy as np
 from symfive.arrays import Array
 from symfive.compiled._cache import cache_folder, discard, find, keep, remember, remembered, workplace
 from symfive.compiled._compiler import Compiler
-from symfive.compiled._source import source_of
+from symfive.compiled.graph import exact_graph
+from symfive.compiled.vector import HELPERS, LANES, Rows, indented, plain_lines
 
 ALIGNMENT = 64
 
@@ -55,7 +58,6 @@ def _generator() -> str:
         "graph.py",
         "scalar.py",
         "vector.py",
-        "_source.py",
         "_library.py",
         "templates/rows.c",
         "templates/lanes.c",
@@ -99,3 +101,52 @@ def compiled(function: Any, held: Sequence[int], compiler: Compiler, key: str) -
     except (OSError, AttributeError) as error:
         discard(path)
         raise OSError(f"what {compiler.program} has made cannot be loaded: {error}") from None
+
+
+@dataclass(frozen=True)
+class Source:
+    """A C text that holds numbers and names of its own only, and the operations a row."""
+
+    text: str
+    operations: int
+
+
+def source_of(function: Any, held: Collection[int]) -> Source:
+    """The source of a function of scalars (SX) with dense results; inputs of the indices `held` are the same for all rows.
+
+    Raises `NotImplementedError` for an operation that is not written in C here.
+    """
+    inputs = [f"x{i}_" for i in range(function.n_in())]
+    outputs = [f"y{i}_" for i in range(function.n_out())]
+    graph = exact_graph(function, inputs, outputs)
+    moving = tuple(name for i, name in enumerate(inputs) if i not in held)
+    nodes = [node for name in outputs for node in graph.outputs[name]]
+    rows = Rows(graph, moving, [(f"y[{place}] = %s;", node) for place, node in enumerate(nodes)])
+    fixed = [target for target in rows.targets if not rows.moves[target[1]]]
+    prepare = rows.prepare()
+    load, gather, first = [], [], 0
+    for i, name in enumerate(inputs):
+        load.append(f"const double *const {name} = given[{i}];")
+        if i not in held:
+            gather.append(f"gather({name}, {function.nnz_in(i)}U, row, used, x + {first}U);")
+            first += function.nnz_in(i)
+    scatter, place = [], 0
+    for i, name in enumerate(outputs):
+        size = len(graph.outputs[name])
+        scatter.append(f"scatter(y + {place}U, {size}U, results[{i}] + (row * {size}U), used);")
+        place += size
+    offsets, first = [], 0
+    for i, name in enumerate(inputs):
+        if i not in held:
+            offsets.append(f"const v *const {name} = x + {first}U;")
+            first += function.nnz_in(i)
+    text = (files("symfive.compiled") / "templates" / "rows.c").read_text(encoding="utf-8")
+    filled = Template(text).substitute(
+        helpers=HELPERS, lanes=LANES, constants=max(1, len(rows.constants)), inputs=max(1, first), outputs=max(1, place),
+        load=indented([line for line in load if any(line.split()[3] in other for other in (*prepare.lines, *gather))]),
+        prepare=indented(plain_lines(prepare)), fixed=indented(rows.statements(fixed, own_sine=False)),
+        offsets=indented(offsets), body=indented(rows.statements(
+            [target for target in rows.targets if rows.moves[target[1]]], own_sine=False)),
+        gather=indented(gather, 8), scatter=indented(scatter, 8),
+    )  # fmt: skip
+    return Source(filled, rows.operations)

@@ -14,8 +14,7 @@ import numpy as np
 from scipy.io import loadmat
 
 from symfive.campaign import Campaign, Run
-from symfive.convert._files import array, files, positive_name
-from symfive.convert._machine import one_axis
+from symfive.convert._files import array, files, one_axis, positive_name
 from symfive.errors import InputError
 from symfive.files import read_bytes
 from symfive.instruments.drive_force import low_pass

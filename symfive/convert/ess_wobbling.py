@@ -14,8 +14,7 @@ from scipy.interpolate import make_interp_spline
 
 from symfive.arrays import Array
 from symfive.campaign import Campaign, Run
-from symfive.convert._files import Log, files, positive_name, read_log, sampling_times
-from symfive.convert._machine import one_axis
+from symfive.convert._files import Log, files, one_axis, positive_name, read_log, sampling_times
 from symfive.instruments.drive_force import low_pass
 
 PERIOD_S = 0.01

@@ -14,8 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from symfive.arrays import Array
 from symfive.campaign import Campaign, Run, SetupSigma
-from symfive.convert._files import files
-from symfive.convert._machine import serial_chain
+from symfive.convert._files import files, serial_chain
 from symfive.errors import InputError
 from symfive.files import read_text
 from symfive.kinematics import forward, placement, rounded

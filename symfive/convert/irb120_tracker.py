@@ -13,8 +13,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from symfive.campaign import Campaign, Run, SetupSigma
-from symfive.convert._files import files, table
-from symfive.convert._machine import serial_chain
+from symfive.convert._files import files, serial_chain, table
 from symfive.errors import InputError
 from symfive.kinematics import forward, placement, rounded
 

@@ -11,8 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from symfive.campaign import Campaign, Run
-from symfive.convert._files import files, positive_name, read_log
-from symfive.convert._machine import one_axis
+from symfive.convert._files import files, one_axis, positive_name, read_log
 
 
 def jjxray_slit(folder: Path) -> Campaign:

@@ -14,8 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from symfive.campaign import Campaign, Run, SetupSigma, Vector
-from symfive.convert._files import files, positive_name, table
-from symfive.convert._machine import serial_chain
+from symfive.convert._files import files, positive_name, serial_chain, table
 from symfive.errors import InputError
 from symfive.kinematics import axes_of_modified_dh, forward, rounded
 from symfive.machine import Workspace

@@ -10,8 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from symfive.campaign import Campaign, Run
-from symfive.convert._files import files, read_columns
-from symfive.convert._machine import serial_chain
+from symfive.convert._files import files, read_columns, serial_chain
 from symfive.errors import InputError
 from symfive.instruments.drive_force import low_pass
 

@@ -1,4 +1,4 @@
-"""Information of a circle about the machine and its drives, its own set-up errors marginalised."""
+"""Information of a circle about the machine and its drives, its own set-up errors marginalised; the most informative circles."""
 
 from __future__ import annotations
 
@@ -11,8 +11,11 @@ from symfive.arrays import Array, Indices
 from symfive.campaign import Campaign, Run
 from symfive.design._paths import CircleShape, circle_runs
 from symfive.effects import Effect
+from symfive.errors import InputError
 from symfive.machine import Machine
 from symfive.model import Model
+from symfive.moves import cleared
+from symfive.nc import LETTERS
 from symfive.optimal import Criterion, inverse
 from symfive.procedures import heights
 
@@ -166,3 +169,49 @@ class Goal:
         """One number from ψ of every draw and the time."""
         whole = max(values) if self.robust == "worst" else float(np.mean(values))
         return whole + (float(np.log(seconds / 60.0)) if self.per_minute else 0.0)
+
+
+def check_clear(machine: Machine, runs: Iterable[Run]) -> None:
+    """Raises `InputError` where something meets along the programs of these runs; a machine whose axes have no NC address gets
+    none."""
+    if set(machine.axis_names) <= set(LETTERS):
+        cleared(machine, runs, {})
+
+
+def chosen_clear(
+    machine: Machine, goal: Goal, circles: Sequence[Circle], count: int
+) -> tuple[list[Circle], list[Circle]]:
+    """The most informative `count` circles, and those that are left to choose from: one along which bodies meet gives way
+    to another. Raises `InputError` where none is left."""
+    left, clear = list(circles), set[int]()
+    while True:
+        chosen = _most_informative(goal, left, count)
+        for circle in chosen:
+            if id(circle) in clear:
+                continue
+            try:
+                check_clear(machine, circle.runs)
+            except InputError as error:
+                left = [other for other in left if other is not circle]
+                if not left:
+                    raise InputError(f"no circle can be run: {error.problem}", remedy=error.remedy) from None
+                break
+            clear.add(id(circle))
+        else:
+            return chosen, left
+
+
+def _most_informative(goal: Goal, circles: Sequence[Circle], count: int) -> list[Circle]:
+    """Greedy, then exchange until nothing improves."""
+    chosen: list[Circle] = []
+    while len(chosen) < count:
+        chosen.append(min(circles, key=lambda c: goal.value([*chosen, c])))
+    value, improved = goal.value(chosen), True
+    while improved:
+        improved = False
+        for place in range(count):
+            others = chosen[:place] + chosen[place + 1 :]
+            best = min(circles, key=lambda c: goal.value([*others, c]))
+            if goal.value([*others, best]) < value - 1e-9:
+                chosen[place], value, improved = best, goal.value([*others, best]), True
+    return chosen

@@ -8,19 +8,56 @@ taken as exactly known in turn, and the one that lowers the criterion most domin
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
 from symfive.arrays import Array
 from symfive.design._candidates import information_of
-from symfive.design._setup_errors import NOISE_HARDLY, SETUP_ERRORS
 from symfive.design._space import Space
 from symfive.numbers import plain_number
 from symfive.optimal import Rows, Task
 
+NOISE_HARDLY = 0.95
+"""Share of a 1σ from which what is left of it counts as all of it: what went is a tenth of the variance at most."""
 MORE = 4.0
 """So many times as many poses would halve every 1σ that noise causes."""
+
+
+@dataclass(frozen=True)
+class SetupError:
+    """One error of the set-up.
+
+    `sigma` the field of `SetupSigma` that holds its 1σ; `members` the parameters of a run that it has; `remedy` what makes it
+    known.
+    """
+
+    sigma: str
+    name: str
+    members: tuple[str, ...]
+    remedy: str
+
+
+SETUP_ERRORS = (
+    SetupError(
+        "tool_ball", "the tool ball's run-out", ("tool_ball.x", "tool_ball.y"),
+        "read it by spindle indexing (--index) or by an indicator (--tool-ball-sigma)",
+    ),
+    SetupError("tool_length", "the tool's length", ("tool_ball.z",), "measure it (--tool-length-sigma)"),
+    SetupError(
+        "table_ball", "the table ball's place", ("table_ball.x", "table_ball.y", "table_ball.z"),
+        "measure it (--table-ball-sigma)",
+    ),
+    SetupError(
+        "zero", "the nest's place in the workpiece frame", ("zero.x", "zero.y", "zero.z"),
+        "put it onto a calibrated place (--zero-sigma)",
+    ),
+    SetupError("length", "the bar's length", ("length",), "calibrate it (--bar-length-sigma)"),
+)  # fmt: skip
+
+
 GROUPS = {error.name: error for error in SETUP_ERRORS}
+"""Set-up errors that limit a plan, in words, with the remedy for each."""
 
 
 def what_dominates(space: Space, task: Task, rows: Rows) -> list[str]:

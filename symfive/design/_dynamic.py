@@ -22,7 +22,6 @@ import numpy as np
 from symfive.campaign import Campaign
 from symfive.design._assess import assess
 from symfive.design._assessment_data import assessment_data
-from symfive.design._choose_circles import check_clear, chosen_clear
 from symfive.design._circle_certificate import CircleCertificate, certify_circles, farthest, fastest
 from symfive.design._circle_words import (
     circle_words,
@@ -33,7 +32,7 @@ from symfive.design._circle_words import (
     slow_noise_words,
     warnings_of,
 )
-from symfive.design._circles import Circle, Goal, circle_of_runs, measured
+from symfive.design._circles import Circle, Goal, check_clear, chosen_clear, circle_of_runs, measured
 from symfive.design._paths import FAMILIES, CircleShape, circle_runs
 from symfive.design._refine_circles import CircleObjective, refined_shapes
 from symfive.design._request import check_robust

@@ -17,13 +17,12 @@ from symfive.design._anywhere import bound_anywhere
 from symfive.design._assess import Assessment, assess
 from symfive.design._candidates import value_of
 from symfive.design._certificate import Certificate, certify
-from symfive.design._indexing import indexed, worth_indexing
 from symfive.design._optimise import optimise
 from symfive.design._part import Part, part_criterion
 from symfive.design._part_plan import PartPlan, compared, mountings_in, part_given
 from symfive.design._plan_notes import plan_notes
 from symfive.design._plan_search import PlanSearch
-from symfive.design._request import Request, interest_of, refuse_unseen, task_of, with_bars
+from symfive.design._request import Request, indexed, interest_of, refuse_unseen, task_of, with_bars, worth_indexing
 from symfive.design._robust import drawn_spaces, lost_pose, over_prior
 from symfive.design._schedule import Schedule
 from symfive.design._space import Space

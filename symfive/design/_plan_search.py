@@ -1,8 +1,13 @@
-"""The search for a plan: its poses and set-ups, what they are exchanged for, and the ways between them."""
+"""The search for a plan: its poses and set-ups, what they are exchanged for, and the ways between them.
+
+Twice the time is twice the readings, which lower ψ by log 2; so ψ + log(time) compares plans of different length, and a pose
+is replaced by a slightly less informative one that can be reached with the bar mounted, where that lowers the sum.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -10,8 +15,7 @@ import numpy as np
 
 from symfive.campaign import Run
 from symfive.design._budget import most_per_minute, shortened
-from symfive.design._candidates import PER_SETUP, candidates_in, pose_grid, value_of
-from symfive.design._joint import chosen_with_moves
+from symfive.design._candidates import PER_SETUP, candidates_in, information_of, pose_grid, value_of
 from symfive.design._optimise import optimise
 from symfive.design._reach import Reach, with_ways_out
 from symfive.design._request import Request
@@ -27,6 +31,7 @@ MOST_SHARES = 3
 """Numbers of runs that all get the full search."""
 Found = tuple[Rows, tuple[float, ...]]
 """A design, and ψ of every design that its search began with."""
+Driven = tuple[Schedule, Post]
 
 
 @dataclass(frozen=True)
@@ -64,12 +69,12 @@ class PlanSearch:
         self.request.progress("improving the plan for the loss of one pose")
         return rounded(self.space, survive_a_lost_pose(self.space, self.task, rows, self._grid_in(rows)))
 
-    def driven(self, rows: Rows) -> tuple[Schedule, Post]:
+    def driven(self, rows: Rows) -> Driven:
         """The order of the poses and the clear ways between them, within the time; poses may be exchanged for it."""
         self.request.progress("planning the moves between the poses")
         first = self._with_ways(self._fitted(self._with_ways_out(rows)))
 
-        def again(design: Rows) -> tuple[Schedule, Post]:
+        def again(design: Rows) -> Driven:
             return self._with_ways(self._with_ways_out(design))
 
         schedule, post = chosen_with_moves(
@@ -132,7 +137,7 @@ class PlanSearch:
     def _shortened(self, rows: Rows, seconds: float) -> Rows:
         return shortened(self.space, self.task, rows, self._lay(rows), seconds, self._lay).rows
 
-    def _with_ways(self, rows: Rows) -> tuple[Schedule, Post]:
+    def _with_ways(self, rows: Rows) -> Driven:
         """The order of the poses, the ways of its programs, and its times on these."""
         schedule = self._lay(rows)
         machine = schedule.campaign.machine
@@ -167,3 +172,67 @@ class PlanSearch:
         z[:, : rows.poses] = on_grid(self.space, z[:, : rows.poses])
         fits = self.space.feasible(z, grid.k)
         return Candidates(z[fits], grid.k[fits], grid.group[fits], self.space.kernel.rows(z[fits], grid.k[fits]))
+
+
+def chosen_with_moves(
+    space: Space, task: Task, laid: Driven, candidates: Callable[[], Candidates], lay: Callable[[Rows], Driven]
+) -> Driven:
+    """The plan with poses exchanged for which the bar had to come off, or the ball out of its nest, as long as that pays.
+
+    `laid` a schedule with the ways of its programs; `candidates` other poses of its set-ups; `lay` makes both for a design. Each
+    pose at an end of such a move is replaced by the most informative candidate of those with a straight move to the pose beyond.
+    """
+    best, tried = laid, set[bytes]()
+    if space.instrument == "touch_probe":  # every move of a probe leads around
+        return best
+    while (place := _next(best[0], tried)) is not None:
+        run, row, pose = place
+        tried.add(_key(best[0].rows, pose))
+        rows = _exchanged(space, task, best[0], run, row, pose, candidates())
+        if rows is None:
+            continue
+        trial = lay(rows)
+        if price(space, task, trial[0]) < price(space, task, best[0]):
+            best = trial
+    return best
+
+
+def price(space: Space, task: Task, schedule: Schedule) -> float:
+    """ψ + log(time), less what is left under a drift."""
+    return value_of(space, task, schedule.rows) - math.log(max(schedule.drift, 1e-9)) + math.log(schedule.seconds)
+
+
+def _next(schedule: Schedule, tried: set[bytes]) -> tuple[str, int, int] | None:
+    """A move around whose pose was not tried: the run, the row at its other end, and the pose's number in the design."""
+    for g, (name, moves) in enumerate(schedule.moves.items()):
+        mine = np.flatnonzero(schedule.rows.group == g)
+        for row in schedule.unsafe.get(name, ()):
+            for here, beyond in ((row, row - 1), (row - 1, row)):
+                pose = int(mine[moves.order[here]])
+                if _key(schedule.rows, pose) not in tried:
+                    return name, beyond, pose
+    return None
+
+
+def _key(rows: Rows, pose: int) -> bytes:
+    return bytes(rows.z[pose].tobytes())
+
+
+def _exchanged(
+    space: Space, task: Task, schedule: Schedule, run: str, beyond: int, pose: int, candidates: Candidates
+) -> Rows | None:
+    """The design with a pose exchanged for the most informative candidate in reach; None where there is none."""
+    rows, moves = schedule.rows, schedule.moves[run]
+    own = np.flatnonzero(candidates.group == rows.group[pose])
+    own = own[moves.seated.reached_from(int(moves.order[beyond]), candidates.z[own])]
+    if not own.size:
+        return None
+    information = information_of(space, task, rows)
+    layout = task.layout(rows.groups)
+    leaving = layout.embed(space.kernel.rows(rows.z[[pose]], rows.k[[pose]]), rows.group[[pose]])[0]
+    entering = layout.embed(candidates.rows[own], candidates.group[own])
+    less = information - leaving @ leaving.T
+    best = own[int(np.argmin([task.value(less + row @ row.T) for row in entering]))]
+    z = rows.z.copy()
+    z[pose, : rows.poses] = candidates.z[best, : rows.poses]
+    return Rows.of(z, rows.k, rows.group, rows.poses)

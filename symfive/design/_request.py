@@ -1,4 +1,9 @@
-"""What is asked of a plan, checked: its settings, parameters, priors, bars, and what no plan can see."""
+"""What is asked of a plan, checked: its settings, parameters, priors, bars, indexing of the spindle, and what no plan can see.
+
+The ball's offset across the spindle's axis turns with the spindle. Two readings of one pose have half their difference as the
+offset, whatever the machine does, with 1σ = noise/√2 in every direction; added to the prior's that leaves (1/σ² + 2/noise²)^-½.
+Along the axis nothing is learnt: that takes a tool of known length.
+"""
 
 from __future__ import annotations
 
@@ -12,11 +17,11 @@ import numpy as np
 from symfive.campaign import Campaign, SetupSigma
 from symfive.design._assess import machine_information, workspace_places
 from symfive.design._budget import affordable
-from symfive.design._candidates import candidates_in, pose_grid, setup_options
+from symfive.design._candidates import candidates_in, pose_grid, setup_options, value_of
 from symfive.design._space import Space, make_space
 from symfive.errors import InputError
 from symfive.machine import Machine
-from symfive.optimal import Criterion, Task, criterion_of
+from symfive.optimal import Criterion, Rows, Task, criterion_of
 from symfive.validation import at_most, positive
 
 SEEN = 0.5
@@ -28,6 +33,7 @@ FRAMES = ("workpiece", "machine", "tool")
 ROBUST = ("nominal", "mean", "worst")
 BALL_MM = 12.7
 """Diameter of the balls of the usual ball bars (half an inch)."""
+ACROSS = ("tool_ball.x", "tool_ball.y")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -188,3 +194,34 @@ def refuse_unseen(space: Space, task: Task, points: int, names: Sequence[str]) -
                 f"no {space.instrument} plan determines {names[i]}: {why}",
                 remedy=f"{remedy}, or use another instrument",
             )
+
+
+def indexed(space: Space, task: Task) -> Task:
+    """The task after the tool ball's run-out has been read in every run. Raises `InputError` where a pose has fewer than three
+    readings, and where the R-test's head turns with the spindle."""
+    if space.instrument != "r_test":
+        raise InputError(
+            f"spindle indexing with {space.instrument} is not written: it needs three readings of each pose",
+            remedy="use instrument r_test, or give the run-out as tool_ball sigma (--tool-ball-sigma)",
+        )
+    if space.options.get("frame", "workpiece") != "workpiece":
+        raise InputError(
+            "spindle indexing with the R-test's head in the spindle is not written: its zeros turn with it",
+            remedy="use frame workpiece, or give the run-out as tool_ball sigma (--tool-ball-sigma)",
+        )
+    sigma = task.own_sigma.copy()
+    across = np.array([name in ACROSS for name in space.own])
+    sigma[across] = (sigma[across] ** -2.0 + 2.0) ** -0.5
+    return replace(task, own_sigma=sigma)
+
+
+def worth_indexing(space: Space, task: Task, rows: Rows) -> bool:
+    """Whether the run-out, read once a run, lowers ψ of a design by more than one pose a run less can raise it.
+
+    Of n poses in so many runs that is n/(n - runs) in the variance, where all of it is noise."""
+    try:
+        known = indexed(space, task)
+    except InputError:
+        return False
+    n, left = len(rows.z), len(rows.z) - rows.groups
+    return left > 0 and value_of(space, known, rows) + math.log(n / left) < value_of(space, task, rows)

@@ -2,7 +2,7 @@
 
 The rotary axes turn straight from stop to stop at a constant speed, one alone or several together, and the linear axes keep the
 ball in its nest, or the bar at its length; a bar swings with them in its azimuth and elevation. Decided are the mountings and
-their number (`_sweep_mountings`), the speed, the stops and their order (`_sweep_recordings`, `_sweep_search`). The certificate
+their number (`_sweep_recordings`), the speed, the stops and their order (`_sweep_recordings`, `_sweep_search`). The certificate
 compares the recordings with optimal seconds on a dense set of sweeps (`_sweep_certificate`): what lies between these is not
 proved.
 """
@@ -29,8 +29,7 @@ from symfive.design._request import check_counts, check_minutes, interest_of, ta
 from symfive.design._schedule import SETUP_S
 from symfive.design._space import Space, make_space
 from symfive.design._sweep_certificate import SweepCertificate, bound_of, certified
-from symfive.design._sweep_mountings import MOST, mountings_that_pay
-from symfive.design._sweep_recordings import Recording
+from symfive.design._sweep_recordings import MOST, Recording, mountings_that_pay
 from symfive.design._sweeps import (
     DELAY_MS,
     SHORTEST,

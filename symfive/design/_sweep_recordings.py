@@ -1,27 +1,45 @@
-"""The search for one recording: speed, stops on a grid and then off it, in rounds, by what other recordings leave to be told."""
+"""Where and how often the instrument is mounted for sweeps, and the search for each recording: speed, stops on a grid, then off.
+
+The mountings are the best ones for poses at rest (`best_setups`). In each the best weights on some random sweeps give what a
+recording there tells (`relaxed_bound`), its own set-up errors and delay marginalised, so that recordings add up: another mounting
+pays where ψ is lower although its set-up takes time from the recordings. Weights are not whole sweeps, so the last word has the
+search (`_sweep_plan`).
+"""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from symfive.arrays import Array, Flags
+from symfive.design._candidates import best_setups, pose_grid
 from symfive.design._circles import Goal
 from symfive.design._optimal_weights import relaxed_bound
 from symfive.design._reach import Reach
+from symfive.design._space import Space
 from symfive.design._sweep_search import Grid, best_way, draw, grid_of, positions_of, refined_way
 from symfive.design._sweeps import Sweep, Sweeps
 from symfive.errors import InputError
+from symfive.inference import Noise
 from symfive.moves import Moves
 from symfive.nc import LETTERS
+from symfive.optimal import Task
+from symfive.screen import plural
 
 SAMPLE = 60
 """Sweeps by which speeds are compared."""
 SLACK = 0.01
 """Share of the time that is left to moving the stops off the grid."""
 REMEDY = "what helps: a lower speed, a longer tool, more travel, a lower sigma of the errors"
+MOST = 4
+"""Mountings at most where nobody says how many."""
+READINGS = 200
+"""With which mountings are compared."""
+COMPARED, TRIES = 60, 600
+"""Sweeps by which numbers of mountings are compared, and how many are tried for them."""
 
 
 class Recording:
@@ -119,3 +137,38 @@ def _about(sweeps: Sweeps, goal: Goal, stops: Sequence[Array], seconds: float, c
     own = list(dict.fromkeys(tuple(stop) for stop in stops))
     others = sorted(spent.keys() - set(own), key=lambda end: -spent[end])
     return np.array([*own, *others[: max(count - len(own), count // 2)]])
+
+
+def mountings_that_pay(
+    space: Space, task: Task, goal: Goal, noise: Noise, rate_hz: float, poses: int, speeds: tuple[float, ...],
+    seconds: Callable[[int], float], most: int, progress: Callable[[str], None],
+) -> list[tuple[float, list[tuple[Sweeps, Array]]]]:  # fmt: skip
+    """One mounting, two and more, `most` at most, as long as ψ falls: this ψ and, each for a recording of `seconds(count)`, the
+    mountings with what this tells of the shared parameters (k, k). `poses` at rest are compared. Raises `InputError` where no
+    sweep is possible."""
+    found: list[tuple[float, list[tuple[Sweeps, Array]]]] = []
+    value = math.inf
+    for count in itertools.takewhile(lambda count: seconds(count) > 0.0, range(1, 1 + most)):
+        progress(f"comparing {plural(count, 'mounting')}")
+        setups, lengths = best_setups(space, task, count, READINGS, pose_grid(space, poses))
+        tried = [
+            Sweeps(space, setup, float(length), noise, rate_hz)
+            for setup, (length,) in zip(setups, lengths, strict=True)
+        ]
+        told = [
+            _told(sweeps, goal, best_speed(sweeps, goal, speeds, seconds(count)), seconds(count)) for sweeps in tried
+        ]
+        reached = goal.psi(sum(told, np.zeros_like(told[0])))
+        if reached >= value:
+            break
+        value = reached
+        found.append((value, list(zip(tried, told, strict=True))))
+    return found
+
+
+def _told(sweeps: Sweeps, goal: Goal, speed: float, seconds: float) -> Array:
+    """What the best weights on some sweeps of a recording tell of the shared parameters (k, k)."""
+    found = [*itertools.islice(draw(sweeps, TRIES, speed), COMPARED), *(sweep for *_, sweep in sweeps.offered)]
+    costs = np.array([sweep.seconds for sweep in found])
+    weights, _ = relaxed_bound(goal, found, costs, seconds)
+    return sweeps.shared(np.tensordot(weights / costs, np.stack([sweep.matrix for sweep in found]), 1))

@@ -15,9 +15,9 @@ import numpy as np
 
 from symfive.campaign import Campaign, SetupSigma
 from symfive.design._assess import assess
+from symfive.design._dominance import NOISE_HARDLY, SETUP_ERRORS
 from symfive.design._plan import Plan, plan
 from symfive.design._request import interest_of
-from symfive.design._setup_errors import NOISE_HARDLY, SETUP_ERRORS
 from symfive.design._space import make_space
 from symfive.errors import InputError
 from symfive.given import campaign_given, machine_given

@@ -1,7 +1,19 @@
 """What pages share: their frame and style, the picture of a campaign's poses in space, and the colours of all pictures."""
 
-from symfive.drawing._colours import BLUE, FAINT, GREEN, GRID, INK, ORANGE, PAPER, PURPLE, SERIES
-from symfive.drawing._page import PAGE_STYLE, page, templates
+from symfive.drawing._page import (
+    BLUE,
+    FAINT,
+    GREEN,
+    GRID,
+    INK,
+    ORANGE,
+    PAGE_STYLE,
+    PAPER,
+    PURPLE,
+    SERIES,
+    page,
+    templates,
+)
 from symfive.drawing._poses import SCRIPT, poses_figure
 
 __all__ = [

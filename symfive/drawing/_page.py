@@ -1,4 +1,4 @@
-"""What every page is made of: its style, light or dark, narrow or wide, on paper, and the frame of a page whose tables sort."""
+"""What every page is made of: its style, light or dark, narrow or wide, on paper; the frame of a page with sorted tables; colours."""
 
 from __future__ import annotations
 
@@ -12,6 +12,12 @@ from symfive.version import __version__
 
 if TYPE_CHECKING:
     from jinja2 import Environment
+
+BLUE, ORANGE, GREEN, PURPLE = "#0072b2", "#d55e00", "#009e73", "#cc79a7"
+SERIES = (BLUE, ORANGE, GREEN, PURPLE, "#e69f00", "#56b4e9")
+"""Distinguishable for everybody (M. Okabe & K. Ito 2008; the yellow left out, too pale on paper)."""
+INK, FAINT, GRID, PAPER = "#1d2a36", "#6b7885", "#d9dfe5", "#fdfefe"
+"""Lines of the page itself; the report replaces them by the colours of the reader's light or dark theme."""
 
 
 def _own(name: str) -> str:

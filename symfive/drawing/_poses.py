@@ -12,7 +12,7 @@ import numpy as np
 
 from symfive.arrays import Array
 from symfive.campaign import Campaign, Run
-from symfive.drawing._colours import SERIES
+from symfive.drawing._page import SERIES
 from symfive.instruments import instruments_of
 from symfive.procedures import Nominal
 

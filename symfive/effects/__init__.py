@@ -11,9 +11,8 @@ from symfive.effects._base import LINKS, STAGES, Effect
 from symfive.effects._component import Component, component_of, location_of
 from symfive.effects._coordinates import coordinate_values
 from symfive.effects._form import AXIS, BALL, CARRIED, FORCE, TOOL, Form, Scan, Tone, across, moving, reversing
-from symfive.effects._options import fits
 from symfive.effects._quantity import Quantity
-from symfive.effects._words import coordinate_words, effect_words, form_words
+from symfive.effects._words import coordinate_words, effect_words, fits, form_words
 from symfive.effects.axis_growth import AxisGrowth
 from symfive.effects.backlash import Backlash
 from symfive.effects.bar_length import BarLength

@@ -1,10 +1,14 @@
-"""Effects, their forms and coordinates in words, for reports and the terminal."""
+"""Effects, their forms and coordinates in words, and whether an option that a file gives has the type of its field."""
 
 from __future__ import annotations
 
 import re
+from numbers import Integral
+from types import NoneType, UnionType
+from typing import Any, Union, get_args, get_origin
 
 from symfive.machine import Machine
+from symfive.validation import is_number
 
 _QUANTITIES = {
     "velocity sign": "the direction of {}", "velocity": "the velocity of {}", "acceleration": "the acceleration of {}",
@@ -45,3 +49,20 @@ def coordinate_words(coordinate: str) -> str:
         said.append(_PLAIN.get(words) or (_QUANTITIES[quantity].format(name) if quantity in _QUANTITIES else plain))
     *first, last = said
     return f"{', '.join(first)} and {last}" if first else last
+
+
+def fits(value: Any, kind: Any) -> bool:
+    """Whether a value from a file, lists as tuples, is of this type: text, number, whole number, truth, tuples, unions."""
+    origin, inner = get_origin(kind), get_args(kind)
+    if origin in (Union, UnionType):
+        return any(fits(value, one) for one in inner)
+    if origin is tuple:
+        if not isinstance(value, tuple):
+            return False
+        kinds = inner[:1] * len(value) if inner[-1] is ... else inner
+        return len(kinds) == len(value) and all(map(fits, value, kinds))
+    if kind is float:
+        return is_number(value)
+    if kind is int:
+        return isinstance(value, Integral) and not isinstance(value, bool)
+    return not isinstance(kind, type) or isinstance(value, NoneType if kind is None else kind)

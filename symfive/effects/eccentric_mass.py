@@ -10,7 +10,7 @@ import numpy as np
 
 from symfive.arrays import Array
 from symfive.effects._base import Effect
-from symfive.effects._gravity import DOWN, carriers, gravity_seen
+from symfive.effects._force import DOWN, carriers, gravity_seen
 from symfive.effects._quantity import Covariance, Quantity, Values, amplitude_and_phase
 from symfive.errors import InputError
 from symfive.kinematics import axis_pose

@@ -8,9 +8,8 @@ from typing import Any, Self
 import casadi as ca
 import numpy as np
 
-from symfive.effects._force import ForceEffect, usual_force
+from symfive.effects._force import DOWN, ForceEffect, gravity_seen, rotary_chain, usual_force
 from symfive.effects._form import FORCE
-from symfive.effects._gravity import DOWN, gravity_seen, rotary_chain
 from symfive.effects._quantity import Covariance, Quantity, Values, propagate
 from symfive.errors import InputError
 from symfive.instruments.drive_force import DriveForce

@@ -10,8 +10,7 @@ import casadi as ca
 import numpy as np
 
 from symfive.arrays import Array
-from symfive.effects._force import ForceEffect, usual_force
-from symfive.effects._gravity import later_axes, side_of
+from symfive.effects._force import ForceEffect, later_axes, side_of, usual_force
 from symfive.effects._quantity import Covariance, Quantity, Values, propagate
 from symfive.errors import InputError
 from symfive.instruments.drive_force import DriveForce, FilteredMotion

@@ -9,8 +9,8 @@ import casadi as ca
 import numpy as np
 
 from symfive.effects._base import Effect
+from symfive.effects._force import DOWN, carriers, gravity_seen, later_axes
 from symfive.effects._form import Form, Forms
-from symfive.effects._gravity import DOWN, carriers, gravity_seen, later_axes
 from symfive.effects._quantity import Covariance, Quantity, Values, propagate
 from symfive.errors import InputError
 from symfive.kinematics import axis_pose

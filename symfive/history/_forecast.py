@@ -10,9 +10,8 @@ import numpy as np
 from scipy.special import stdtrit
 
 from symfive.arrays import Array, Flags
-from symfive.history._directions import Readings
 from symfive.history._filter import State
-from symfive.history._information import Information
+from symfive.history._information import Information, Readings
 from symfive.history._visit import time_text
 
 YEAR = 365.25 * 86400.0

@@ -13,10 +13,9 @@ from symfive.errors import InputError
 from symfive.files import shown
 from symfive.history._alarms import Alarm
 from symfive.history._change import ITSELF, Scatter
-from symfive.history._directions import Readings, readings_of
 from symfive.history._filter import REFERENCE, SPAN
 from symfive.history._forecast import YEAR, Forecast, errors_at, forecasts_of, years_ahead
-from symfive.history._information import Information, information_of
+from symfive.history._information import Information, Readings, information_of, readings_of
 from symfive.history._limits import RATE
 from symfive.history._visit import Event, MachineId, Visit, time_text
 from symfive.history._watched import Watched, watch_visits

@@ -14,10 +14,9 @@ from numpy.typing import NDArray
 
 from symfive.arrays import Array, Flags
 from symfive.history._alarms import Alarm, Cause, Watch
-from symfive.history._directions import Readings
 from symfive.history._filter import State, follow
 from symfive.history._forecast import YEAR
-from symfive.history._information import Information
+from symfive.history._information import Information, Readings
 from symfive.history._visit import Event, Visit
 
 STRETCH = 64

@@ -2,9 +2,8 @@
 
 from symfive.machine._axis import Axis, Drive, make_axis
 from symfive.machine._data import EffectEntry, Machine, Workspace, unknown_axis
-from symfive.machine._designed import designed_ball
 from symfive.machine._errors import ErrorTerm
-from symfive.machine._presets import preset, presets
+from symfive.machine._presets import designed_ball, preset, presets
 from symfive.machine._read import (
     SCHEMA,
     machine_from_data,

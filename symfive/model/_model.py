@@ -13,8 +13,7 @@ from symfive.arrays import Array, Indices
 from symfive.effects import Effect, baseline_effects
 from symfive.errors import EvaluationError, InputError
 from symfive.instruments import Column, check_mounting, has_clock_of_its_own, instruments_of, setup_parameter
-from symfive.model._assembly import RowFunction, assembled, kind_of, machine_parameters, sensed_columns
-from symfive.model._together import Given, Together
+from symfive.model._assembly import Given, RowFunction, Together, assembled, kind_of, machine_parameters, sensed_columns
 from symfive.motion import GAINS, RunMotion, Series, Signal
 from symfive.parameters import Parameter
 from symfive.runs import Campaign, Run

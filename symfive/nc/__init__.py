@@ -11,7 +11,7 @@ from symfive.errors import InputError
 from symfive.machine import Machine
 from symfive.nc._base import Dialect, Step, render
 from symfive.nc._pace import CAUTION, able, pace
-from symfive.nc._post import Post, worded
+from symfive.nc._post import UNCHECKED, Post, collision_warning, which_point, worded
 from symfive.nc._probing import cycle_of, probing_steps
 from symfive.nc._route import (
     Positions,
@@ -28,7 +28,6 @@ from symfive.nc._route import (
 from symfive.nc._seat import Seat
 from symfive.nc._steps import arrival_times, outside_s, program_steps, series_of, series_steps
 from symfive.nc._touch import Probing, touch_reach
-from symfive.nc._warning import UNCHECKED, collision_warning, which_point
 from symfive.nc._writer import LETTERS
 from symfive.nc.heidenhain import HEIDENHAIN
 from symfive.nc.iso import ISO

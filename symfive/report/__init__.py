@@ -9,20 +9,19 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from symfive.report._bands import error_motion_bands
     from symfive.report._correlation import correlation_matrix
     from symfive.report._diagnosis import diagnosis_report
     from symfive.report._findings import diagnosis_text
-    from symfive.report._identified import identification_text
     from symfive.report._over_coordinates import residuals_over_coordinates
     from symfive.report._over_time import residuals_over_time
-    from symfive.report._parameters import parameters_chart
+    from symfive.report._parameters import error_motion_bands, parameters_chart
     from symfive.report._polar import polar_trace
     from symfive.report._prediction import prediction_chart
     from symfive.report._report import identification_report
     from symfive.report._save import save_figures
     from symfive.report._spectrum import residual_spectrum
     from symfive.report._visible import visible_parts
+    from symfive.report._words import identification_text
     from symfive.report.signature import plot_signature
 
 __all__ = [
@@ -35,9 +34,9 @@ _MODULES = {
     "correlation_matrix": "_correlation",
     "diagnosis_report": "_diagnosis",
     "diagnosis_text": "_findings",
-    "error_motion_bands": "_bands",
+    "error_motion_bands": "_parameters",
     "identification_report": "_report",
-    "identification_text": "_identified",
+    "identification_text": "_words",
     "parameters_chart": "_parameters",
     "plot_signature": "signature",
     "polar_trace": "_polar",

@@ -11,8 +11,8 @@ from symfive.effects import Quantity, coordinate_words
 from symfive.machine import Machine
 from symfive.numbers import in_words, percent, plain_number, rounded, unit_words
 from symfive.report._geometry import moved_table
+from symfive.report._page import fragment
 from symfive.report._tables import Cell, table
-from symfive.report._template import fragment
 
 MOST_RIVALS = 6
 LEAST_RIVAL = 1e-4

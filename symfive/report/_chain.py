@@ -10,7 +10,7 @@ from markupsafe import Markup
 
 from symfive.diagnose import Finding, place_words
 from symfive.machine import Machine
-from symfive.report._template import fragment
+from symfive.report._page import fragment
 
 BOX, GAP, TALL = 78, 34, 44
 DRIVE, BODY, INSTRUMENT = 112, 34, 190

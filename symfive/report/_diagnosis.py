@@ -23,13 +23,12 @@ from symfive.report._evidence import fit_table, gap_table, observability_table, 
 from symfive.report._finding_figure import finding_figure
 from symfive.report._findings import closing
 from symfive.report._geometry import geometry_chart, geometry_table
-from symfive.report._page import embedded, write_page
+from symfive.report._page import embedded, fragment, write_page
 from symfive.report._polar import polar_trace
 from symfive.report._save import FIGURES, keep
 from symfive.report._standards import standards_section, worth_section
 from symfive.report._style import Tips
 from symfive.report._tables import noise_table, outlier_table, setup_table
-from symfive.report._template import fragment
 from symfive.report._visible import visible_parts
 
 NAME = "report.html"

@@ -1,23 +1,36 @@
-"""One self-contained HTML page: escaped text, figures as SVG that follow the reader's light or dark theme."""
+"""One self-contained HTML page: escaped text, figures as SVG that follow the reader's light or dark theme.
+
+HTML from the templates beside this file (Jinja2). Every value is escaped, unless it is markup that a template made.
+"""
 
 from __future__ import annotations
 
 import html
 import re
 from collections.abc import Sequence
+from importlib.resources import files
 from pathlib import Path
 
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from symfive.drawing import BLUE, FAINT, GRID, INK, ORANGE, PAPER, page
+from symfive.drawing import BLUE, FAINT, GRID, INK, ORANGE, PAPER, page, templates
 from symfive.drawing import SCRIPT as POSES
 from symfive.outputs import write_text
 from symfive.report._style import Tips, rendered
-from symfive.report._template import asset, fragment
 
 _THEME = {INK: "var(--ink)", FAINT: "var(--faint)", GRID: "var(--grid)", PAPER: "var(--card)", BLUE: "var(--blue)",
           ORANGE: "var(--orange)"}  # fmt: skip
+
+
+def fragment(template: str, /, **values: object) -> Markup:
+    """The template `templates/NAME.html` filled with `values`."""
+    return Markup(templates("symfive.report").get_template(f"{template}.html").render(values))
+
+
+def asset(name: str) -> Markup:
+    """A style or script of the package, as it is."""
+    return Markup((files("symfive.report") / "templates" / name).read_text(encoding="utf-8"))
 
 
 def write_page(path: Path, title: str, body: Markup) -> None:

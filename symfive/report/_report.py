@@ -10,11 +10,10 @@ from markupsafe import Markup
 from symfive.drawing import poses_figure
 from symfive.identify import Identification
 from symfive.numbers import expected_ratio, with_unit
-from symfive.report._page import embedded, sentences, write_page
+from symfive.report._page import embedded, fragment, sentences, write_page
 from symfive.report._save import drawings, keep
 from symfive.report._standards import standards_section, worth_section
 from symfive.report._tables import noise_table, outlier_table, parameter_table, setup_table
-from symfive.report._template import fragment
 from symfive.report._words import confounded_machine, confounded_setup, fits, verdict
 
 NAME = "identification.html"

@@ -11,11 +11,10 @@ from matplotlib.figure import Figure
 from symfive.errors import InputError
 from symfive.identify import Identification
 from symfive.outputs import write_bytes
-from symfive.report._bands import error_motion_bands
 from symfive.report._correlation import correlation_matrix
 from symfive.report._over_coordinates import coordinates_with_tips
 from symfive.report._over_time import residuals_with_tips
-from symfive.report._parameters import parameters_chart
+from symfive.report._parameters import error_motion_bands, parameters_chart
 from symfive.report._polar import polar_trace
 from symfive.report._spectrum import residual_spectrum
 from symfive.report._style import Tips, rendered

@@ -10,8 +10,8 @@ from markupsafe import Markup
 from symfive.effects import Effect
 from symfive.identify import Identification
 from symfive.numbers import rounded, unit_words
+from symfive.report._page import fragment
 from symfive.report._tables import Cell, table
-from symfive.report._template import fragment
 from symfive.standards import StandardValue, squareness_values, standard_values
 from symfive.worth import LONGEST, effect_worths, location_worths, signed
 

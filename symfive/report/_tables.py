@@ -13,7 +13,7 @@ from symfive.campaign import FIRST_LINE
 from symfive.identify import Identification
 from symfive.inference import square_of
 from symfive.numbers import plain_number, rounded, unit_words
-from symfive.report._template import fragment
+from symfive.report._page import fragment
 from symfive.report._traces import traces_of
 from symfive.report._words import determined, meaning
 

@@ -1,4 +1,4 @@
-"""An identification in sentences, its parameters in words. Plain text, escaped by the caller."""
+"""An identification in words: what `symfive identify` prints, and parts of it. Plain text, escaped by the caller."""
 
 from __future__ import annotations
 
@@ -7,8 +7,10 @@ from scipy.special import chdtr, chdtrc
 from symfive.effects import form_words
 from symfive.identify import UNCONVERGED, Identification
 from symfive.machine import Machine
-from symfive.numbers import expected_ratio, with_unit
+from symfive.numbers import expected_ratio, plain_number, rounded, unit_words, with_unit
 from symfive.parameters import DETERMINED, Parameter
+from symfive.screen import aligned, wrapped
+from symfive.worth import location_worths, worth_text
 
 LEVEL = 1e-3
 """How rarely declared noise alone may lead to "does not fit"."""
@@ -120,3 +122,32 @@ def meaning(parameter: Parameter, machine: Machine) -> str:
         return f"{'orientation' if term.angular else 'position'} of axis {term.axis} {along}"
     over = "" if term.over == (term.axis,) else f" over {', '.join(term.over)}"
     return f"error motion of axis {term.axis} {along}{over}, term {function}"
+
+
+def identification_text(identification: Identification) -> str:
+    """The verdict, value ± 1σ of the machine's parameters, fit, what the readings cannot separate, and what correcting each
+    location error is worth."""
+    machine, index = identification.model.machine, identification.model.index
+    rows = [("parameter", "value", "1σ", "unit", "prior 1σ", "meaning")]
+    rows += [
+        (name, rounded(value, std, unit), rounded(std, std, unit), unit_words(unit), plain_number(prior, unit),
+         meaning(identification.parameters[index[name]], machine))
+        for name, value, std, unit, prior in identification.table()
+    ]  # fmt: skip
+    unit = identification.unit
+    lines = [
+        *aligned(rows, right=(1, 2, 4)),
+        f"rms {plain_number(identification.rms_um, unit)} {unit}, chi²/dof {identification.chi2_dof:.3f} against the declared "
+        f"noise ({expected_ratio(identification.dof)})",
+        f"The readings determine {identification.rank} of {len(identification.parameters)} parameters, set-up included.",
+    ]
+    worth = worth_text(location_worths(identification))
+    return "\n".join(
+        [
+            *wrapped("", verdict(identification)),
+            "",
+            *lines,
+            *confounded_machine(identification),
+            *([worth] if worth else []),
+        ]
+    )

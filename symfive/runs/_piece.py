@@ -1,4 +1,4 @@
-"""Pieces: what a run consists of that holds some stretches of a longer recording."""
+"""A column of readings in a run's file, and a piece: what a run consists of that holds some stretches of a longer recording."""
 
 from __future__ import annotations
 
@@ -27,3 +27,12 @@ class Piece:
     def rows(self) -> int:
         """How many they are."""
         return len(range(self.lead, self.run.rows, self.step))
+
+
+@dataclass(frozen=True)
+class Column:
+    """A reading column of a CSV: internal value (mm, rad, …) = `scale` × the number in the file."""
+
+    name: str
+    unit: str
+    scale: float

@@ -10,9 +10,18 @@ from collections.abc import Callable
 
 from symfive.campaign import Campaign
 from symfive.identify import Identification
-from symfive.standards._decide import FAIL, PASS, UNDECIDED, decided, decision, with_uncertainties
-from symfive.standards._text import standards_data, standards_text
-from symfive.standards._value import COVERAGE, StandardValue
+from symfive.standards._value import (
+    COVERAGE,
+    FAIL,
+    PASS,
+    UNDECIDED,
+    StandardValue,
+    decided,
+    decision,
+    standards_data,
+    standards_text,
+    with_uncertainties,
+)
 from symfive.standards.iso230_2 import positioning_values
 from symfive.standards.iso230_4 import circular_values
 from symfive.standards.iso10791_6 import kinematic_values

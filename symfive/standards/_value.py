@@ -1,16 +1,23 @@
-"""A number that a standard asks for, with its uncertainty and all that ISO 230-1 wants said beside it."""
+"""A number that a standard asks for, with its uncertainty and all that ISO 230-1 wants said beside it: as text, as JSON, and its
+decision by a tolerance (ISO 14253-1): pass, fail, or not to be decided.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
-from symfive.numbers import rounded, unit_words
+from symfive.errors import InputError
+from symfive.numbers import plain_number, rounded, unit_words
 
 COVERAGE = 2.0
 """Coverage factor k of an expanded uncertainty U (ISO 14253-1 and ISO/TR 230-9)."""
+PASS, FAIL, UNDECIDED = "pass", "fail", "cannot be decided at this uncertainty"
+SCHEMA = "symfive.standards/1"
+NONE = "No number of a standard can be evaluated from these readings (a circle, a positioning test, a rotary test)."
+Decisions = Mapping[int, tuple[float, str]]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,3 +60,81 @@ class StandardValue:
             "U": self.u if math.isfinite(self.u) else None, "unit": self.unit, "runs": list(self.runs),
             "conditions": dict(self.conditions), "limits": list(self.limits),
         }  # fmt: skip
+
+
+def decision(value: float, u: float, tolerance: float) -> str:
+    """`pass` where |value| + U is within the tolerance, `fail` where |value| - U is beyond it, else neither.
+
+    `u` expanded uncertainty (k = 2); NaN, where it is unknown, decides nothing.
+    """
+    if abs(value) + u <= tolerance:
+        return PASS
+    return FAIL if abs(value) - u > tolerance else UNDECIDED
+
+
+def matching(values: Sequence[StandardValue], name: str) -> list[int]:
+    """Places of the values that a name means: `G`, `G XY CCW`, or either with a run, `G@circle-1`.
+
+    Raises `InputError` listing the names that there are.
+    """
+    wanted, _, run = name.partition("@")
+    found = [
+        i for i, value in enumerate(values)
+        if wanted in (value.name, value.title) and (not run or run in value.runs)
+    ]  # fmt: skip
+    if not found:
+        there = ", ".join(dict.fromkeys(value.name for value in values)) or "none"
+        raise InputError(f'no number of a standard is called "{name}"', remedy=f"use one of {there}")
+    return found
+
+
+def decided(values: Sequence[StandardValue], tolerances: Mapping[str, float]) -> dict[int, tuple[float, str]]:
+    """Index of a value → (tolerance in the value's unit, decision). The last of several tolerances for one value holds."""
+    return {
+        i: (limit, decision(values[i].value, values[i].u, limit))
+        for name, limit in tolerances.items() for i in matching(values, name)
+    }  # fmt: skip
+
+
+def with_uncertainties(values: Sequence[StandardValue], known: Mapping[str, float]) -> tuple[StandardValue, ...]:
+    """The values, with expanded uncertainties (k = 2, the value's unit) from the user's own budget where it has them."""
+    new = list(values)
+    for name, u in known.items():
+        if not (math.isfinite(u) and u >= 0.0):
+            raise InputError(f"the uncertainty of {name} is {u:g}", remedy="give U (k = 2) of at least 0")
+        for i in matching(values, name):
+            new[i] = replace(new[i], u=u, limits=tuple(s for s in new[i].limits if not s.startswith("U holds")))
+    return tuple(new)
+
+
+def standards_text(values: Sequence[StandardValue], decisions: Decisions | None = None) -> str:
+    """The values as text, by runs: conditions, each value with U (k = 2) and its decision, and limits."""
+    groups: dict[tuple[Any, ...], list[int]] = {}
+    for i, value in enumerate(values):
+        key = (value.standard, value.runs, tuple(value.conditions.items()), value.limits)
+        groups.setdefault(key, []).append(i)
+    lines = []
+    for (standard, runs, conditions, limits), places in groups.items():
+        some = f"{', '.join(runs[:4])}{f' and {len(runs) - 4} more' if len(runs) > 4 else ''}"
+        lines.append(f"{standard}, {some}: {'; '.join(f'{key} {said}' for key, said in conditions)}")
+        lines += [f"  {values[i].words}{_decided(values[i], (decisions or {}).get(i))}" for i in places]
+        lines += [f"  note: {limit}" for limit in limits]
+    return "\n".join(lines) if lines else NONE
+
+
+def _decided(value: StandardValue, found: tuple[float, str] | None) -> str:
+    if found is None:
+        return ""
+    limit, verdict = found
+    return f"; tolerance {plain_number(limit)} {unit_words(value.unit)}: {verdict}"
+
+
+def standards_data(values: Sequence[StandardValue], decisions: Decisions | None = None) -> dict[str, Any]:
+    """The values as data for JSON, with `tolerance` and `decision` where one was given."""
+    rows = []
+    for i, value in enumerate(values):
+        row = value.to_data()
+        if decisions and i in decisions:
+            row |= dict(zip(("tolerance", "decision"), decisions[i], strict=True))
+        rows.append(row)
+    return {"schema": SCHEMA, "coverage_factor": 2, "values": rows}
