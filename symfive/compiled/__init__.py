@@ -9,5 +9,6 @@ compiling off. Without a compiler everything stays interpreted.
 """
 
 from symfive.compiled._mapped import Mapped, Status, status
+from symfive.compiled._oracle import Oracle
 
-__all__ = ["Mapped", "Status", "status"]
+__all__ = ["Mapped", "Oracle", "Status", "status"]

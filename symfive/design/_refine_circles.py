@@ -16,6 +16,7 @@ import numpy as np
 
 from symfive.arrays import Array
 from symfive.campaign import Campaign
+from symfive.compiled import Oracle
 from symfive.design._circles import Circle, Goal, true_values
 from symfive.design._moved_run import MovedRun
 from symfive.design._paths import FAMILIES, SMALLEST_GAP, CircleShape, make_path
@@ -136,58 +137,12 @@ def _range(shape: CircleShape, free: tuple[int, ...], bounds: Mapping[str, tuple
     return np.array(low), np.array(high)
 
 
-class _Gradient(ca.Callback):
-    """Jacobian of `_Psi`."""
-
-    def __init__(self, owner: CircleObjective) -> None:
-        ca.Callback.__init__(self)
-        self.owner = owner
-        self.construct("gradient", {})
-
-    def get_n_in(self) -> int:
-        return 2
-
-    def get_n_out(self) -> int:
-        return 1
-
-    def get_sparsity_in(self, i: int) -> Any:
-        return ca.Sparsity.dense(self.owner.size if i == 0 else self.owner.draws)
-
-    def get_sparsity_out(self, i: int) -> Any:
-        return ca.Sparsity.dense(self.owner.draws, self.owner.size)
-
-    def eval(self, arguments: Sequence[Any]) -> list[Any]:
-        return [ca.DM(self.owner.psi(np.asarray(arguments[0]).ravel())[1])]
-
-
-class _Psi(ca.Callback):
-    """x → ψ at every draw, for IPOPT."""
-
-    def __init__(self, owner: CircleObjective) -> None:
-        ca.Callback.__init__(self)
-        self.owner = owner
-        self.gradient = _Gradient(owner)
-        self.construct("psi", {})
-
-    def get_sparsity_in(self, i: int) -> Any:
-        return ca.Sparsity.dense(self.owner.size)
-
-    def get_sparsity_out(self, i: int) -> Any:
-        return ca.Sparsity.dense(self.owner.draws)
-
-    def eval(self, arguments: Sequence[Any]) -> list[Any]:
-        return [ca.DM(self.owner.psi(np.asarray(arguments[0]).ravel())[0])]
-
-    def has_jacobian(self) -> bool:
-        return True
-
-    def get_jacobian(self, name: str, inputs: Any, outputs: Any, options: Any) -> Any:
-        return self.gradient
-
-
 def refined_shapes(objective: CircleObjective) -> list[CircleShape]:
     """The circles at the local optimum near those given."""
-    callback = _Psi(objective)
+    point, values = {"x": ca.Sparsity.dense(objective.size)}, {"psi": ca.Sparsity.dense(objective.draws)}
+    slopes = {"jacobian": ca.Sparsity.dense(objective.draws, objective.size)}
+    gradient = Oracle("gradient", point | values, slopes, lambda x, psi: (objective.psi(x)[1].ravel(order="F"),))
+    callback = Oracle("psi", point, values, lambda x: objective.psi(x)[:1], gradient)
     x = ca.MX.sym("x", objective.size)
     t = ca.MX.sym("t", 1 if objective.goal.robust == "worst" else 0)
     psi = callback(x)

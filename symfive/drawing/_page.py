@@ -1,4 +1,4 @@
-"""What every page is made of: its style, light or dark, narrow or wide, on paper; the frame of a page with sorted tables; colours."""
+"""What every page is made of: its style, light or dark, on paper too; the frame of a page whose tables sort; colours."""
 
 from __future__ import annotations
 

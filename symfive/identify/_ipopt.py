@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
-
 import casadi as ca
 import numpy as np
 
 from symfive.arrays import Array
+from symfive.compiled import Oracle
 from symfive.errors import EvaluationError
 from symfive.inference import Problem
 
@@ -65,59 +64,23 @@ class _Objective:
         return value, gradient_x, hessian_x
 
 
-class _Value(ca.Callback):
-    """One of the functions that IPOPT asks for, computed from the objective."""
-
-    SHAPES: ClassVar = {"f": ("n",), "jac": ("n", "1"), "grad": ("n", "0"), "hess": ("n", "0", "1", "0")}
-
-    def __init__(self, name: str, objective: _Objective, kind: str) -> None:
-        ca.Callback.__init__(self)
-        self.objective, self.kind = objective, kind
-        self._kept: list[Any] = []
-        self.construct(name, {})
-
-    def get_n_in(self) -> int:
-        return len(self.SHAPES[self.kind])
-
-    def get_n_out(self) -> int:
-        return 2 if self.kind == "grad" else 1
-
-    def get_sparsity_in(self, i: int) -> Any:
-        n = len(self.objective.free)
-        return {"n": ca.Sparsity.dense(n), "1": ca.Sparsity.dense(1), "0": ca.Sparsity(0, 1)}[self.SHAPES[self.kind][i]]
-
-    def get_sparsity_out(self, i: int) -> Any:
-        n = len(self.objective.free)
-        shapes = {"f": [(1, 1)], "jac": [(1, n)], "grad": [(1, 1), (n, 1)]}
-        return ca.Sparsity.upper(n) if self.kind == "hess" else ca.Sparsity.dense(*shapes[self.kind][i])
-
-    def has_jacobian(self) -> bool:
-        return self.kind == "f"
-
-    def get_jacobian(self, name: str, inames: Any, onames: Any, opts: Any) -> Any:
-        self._kept.append(_Value(name, self.objective, "jac"))
-        return self._kept[-1]
-
-    def eval(self, arg: Any) -> list[Any]:
-        value, gradient, hessian = self.objective.evaluate(np.asarray(arg[0], dtype=float).ravel())
-        if self.kind == "f":
-            return [value]
-        if self.kind == "jac":
-            return [gradient[None, :]]
-        if self.kind == "grad":
-            return [value, gradient]
-        return [ca.triu(ca.DM(hessian)) * float(arg[2])]
-
-
 def solve_with_ipopt(problem: Problem, values: Array, loss: str) -> tuple[Array, bool, str]:
     """Values, whether IPOPT converged, and what it said if not. Begins at `values`."""
     objective = _Objective(problem, values, loss)
-    n = len(objective.free)
-    f, grad, hess = (_Value(f"objective_{kind}", objective, kind) for kind in ("f", "grad", "hess"))
-    x = ca.MX.sym("x", n)
+    dense, scalar, none = ca.Sparsity.dense(len(objective.free)), ca.Sparsity.scalar(), ca.Sparsity(0, 1)
+    upper_triangle = ca.Sparsity.upper(len(objective.free))
+    places = tuple(np.array(part) for part in upper_triangle.get_triplet())
+    point = {"x": dense, "p": none}
+    multiplied = {**point, "lam_f": scalar, "lam_g": none}
+    nlp = Oracle("nlp", point, {"f": scalar, "g": none}, lambda x, p: (objective.evaluate(x)[0], ()))
+    parts = {
+        "grad_f": Oracle("nlp_grad_f", point, {"f": scalar, "grad_f_x": dense}, lambda x, p: objective.evaluate(x)[:2]),
+        "hess_lag": Oracle("nlp_hess_l", multiplied, {"hess_gamma_x_x": upper_triangle},
+                           lambda x, p, weight, _: (weight[0] * objective.evaluate(x)[2][places],)),
+    }  # fmt: skip
     solver = ca.nlpsol(
-        "map", "ipopt", {"x": x, "f": f(x)},
-        {"grad_f": grad, "hess_lag": hess, "print_time": False, "show_eval_warnings": False,
+        "map", "ipopt", nlp,
+        {**parts, "calc_lam_p": False, "no_nlp_grad": True, "print_time": False, "show_eval_warnings": False,
          "ipopt.print_level": 0, "ipopt.sb": "yes", "ipopt.tol": 1e-6,
          "ipopt.max_iter": 60, "ipopt.mu_strategy": "adaptive", "error_on_fail": False,
          # a play or a friction makes kinks, at which no gradient vanishes: a cost that stands still ends the search too

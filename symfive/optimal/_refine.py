@@ -13,7 +13,6 @@ s ∂∂ψ = tr(∂F C ∂F C) - tr(∂Fₒₒ Mₒₒ⁻¹ ∂Fₒₒ Mₒₒ�
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,6 +20,7 @@ import casadi as ca
 import numpy as np
 
 from symfive.arrays import Array, Indices
+from symfive.compiled import Oracle
 from symfive.optimal._information import Task
 from symfive.optimal._kernel import Kernel
 
@@ -232,43 +232,6 @@ def _pairs(moved: Array, still: Array) -> Array:
     return np.asarray(2.0 * total.transpose(1, 0, 3, 2).reshape(n * q, n * q))
 
 
-class _Problem(ca.Callback):
-    """One function of the NLP: inputs by shape, the output's sparsity, and what computes its nonzeros."""
-
-    def __init__(self, name: str, inputs: Mapping[str, Any], outputs: Mapping[str, Any], compute: Any) -> None:
-        ca.Callback.__init__(self)
-        self._inputs, self._outputs, self._compute = dict(inputs), dict(outputs), compute
-        self.construct(name, {})
-
-    def get_n_in(self) -> int:
-        return len(self._inputs)
-
-    def get_n_out(self) -> int:
-        return len(self._outputs)
-
-    def get_name_in(self, i: int) -> str:
-        return list(self._inputs)[i]
-
-    def get_name_out(self, i: int) -> str:
-        return list(self._outputs)[i]
-
-    def get_sparsity_in(self, i: int) -> Any:
-        return list(self._inputs.values())[i]
-
-    def get_sparsity_out(self, i: int) -> Any:
-        return list(self._outputs.values())[i]
-
-    def has_eval_buffer(self) -> bool:
-        return True
-
-    def eval_buffer(self, arguments: Any, results: Any) -> int:
-        given = [np.frombuffer(a, dtype=float) if a is not None else np.zeros(0) for a in arguments]
-        for result, values in zip(results, self._compute(*given), strict=True):
-            if result is not None:
-                np.frombuffer(result, dtype=float)[:] = values
-        return 0
-
-
 def refine(task: Task, kernel: Kernel, rows: Rows, lower: Array, upper: Array, **options: Any) -> tuple[Rows, float]:
     """The local optimum near a design and its ψ. `lower`, `upper` (nz,) bound the variables of a row."""
     objective = Objective(task, kernel, rows)
@@ -298,10 +261,10 @@ def refine(task: Task, kernel: Kernel, rows: Rows, lower: Array, upper: Array, *
         return (whole[hessian_rows, hessian_columns],)
 
     point = {"x": dense, "p": none}
-    nlp = _Problem("nlp", point, {"f": scalar, "g": constraints if ng else none}, oracle)
+    nlp = Oracle("nlp", point, {"f": scalar, "g": constraints if ng else none}, oracle)
     parts = {
-        "grad_f": _Problem("nlp_grad_f", point, {"f": scalar, "grad_f_x": dense}, gradient),
-        "hess_lag": _Problem(
+        "grad_f": Oracle("nlp_grad_f", point, {"f": scalar, "grad_f_x": dense}, gradient),
+        "hess_lag": Oracle(
             "nlp_hess_l",
             {**point, "lam_f": scalar, "lam_g": constraints if ng else none},
             {"hess_gamma_x_x": upper_triangle},
@@ -309,7 +272,7 @@ def refine(task: Task, kernel: Kernel, rows: Rows, lower: Array, upper: Array, *
         ),
     }  # fmt: skip
     if ng:
-        parts["jac_g"] = _Problem("nlp_jac_g", point, {"g": constraints, "jac_g_x": jacobian_sparsity}, jacobian)
+        parts["jac_g"] = Oracle("nlp_jac_g", point, {"g": constraints, "jac_g_x": jacobian_sparsity}, jacobian)
     settings: dict[str, Any] = {"ipopt": OPTIONS | options, "print_time": False, "error_on_fail": False, **parts}
     settings |= {"calc_lam_p": False, "no_nlp_grad": True}
     solver = ca.nlpsol("refine", "ipopt", nlp, settings)
