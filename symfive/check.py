@@ -61,7 +61,8 @@ class Check(OnScreen):
         lines.append(f"{count} problem{'s' if count > 1 else ''}:" if count else "no problem found")
         lines += [f"  {problem}" for problem in self.problems]
         if self.machine is not None and any(_concerns_errors(problem) for problem in self.problems):
-            lines += ["a ready block for this structure (prior 1σ in µm and µrad):", "", errors_block(self.machine)]
+            lines += ["a ready block for this structure (prior 1σ in µm and µrad):", "", "[errors]"]
+            lines += [f"{name} = {{ sigma = {sigma:.1f} }}" for name, sigma in error_names(self.machine.axes).items()]
         return "\n".join(lines)
 
 
@@ -127,13 +128,6 @@ def _nothing_free(path: Path, runs: tuple[Run, ...] = ()) -> InputError:
     problem = "no error is declared, so that nothing can be identified"
     return InputError(
         problem, path=_machine_path(path), remedy="list the errors to identify under [errors]", keys=("errors",)
-    )
-
-
-def errors_block(machine: Machine) -> str:
-    """[errors] with the location errors that a machine of this structure can have, to be copied."""
-    return "\n".join(
-        ["[errors]", *(f"{name} = {{ sigma = {sigma:.1f} }}" for name, sigma in error_names(machine.axes).items())]
     )
 
 

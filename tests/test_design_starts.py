@@ -17,7 +17,7 @@ from processes import local_cluster
 
 from symfive.cli import main
 from symfive.design import Space, make_space, optimise, task_of
-from symfive.design._starts import each  # starts that fail at will
+from symfive.design._optimise import each  # starts that fail at will
 from symfive.errors import InputError
 from symfive.executors import Processes, connect
 from symfive.machine import Machine, preset

@@ -144,7 +144,7 @@ def world(tmp_path_factory) -> Path:
     undo.setattr(modules["symfive.identify"], "identify", read_and(fits))
     undo.setattr(modules["symfive.fleet"], "identify", read_and(fits))
     undo.setattr(modules["symfive.diagnose"], "diagnose", read_and(found))
-    for module in ("_save", "_page"):
+    for module in ("_report", "_page"):
         undo.setattr(modules[f"symfive.report.{module}"], "rendered", rendered)
     undo.setattr(modules["symfive.convert"], "convert", lambda name, data: (read_text(root / f"{name}.csv"), plan)[1])
     yield root

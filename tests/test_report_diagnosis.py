@@ -30,7 +30,7 @@ from symfive.model import Model
 from symfive.numbers import change, in_words, percent, power_of_ten
 from symfive.report import (
     _diagnosis,
-    _save,
+    _report,
     diagnosis_report,
     diagnosis_text,
     identification_report,
@@ -90,7 +90,7 @@ def _nothing(result):
     raise InputError("nothing to draw", remedy="none")
 
 
-NOTHING = [replace(drawing, draw=_nothing) for drawing in _save.FIGURES]
+NOTHING = [replace(drawing, draw=_nothing) for drawing in _report.FIGURES]
 
 
 @pytest.fixture
@@ -381,7 +381,7 @@ def test_identification_report_draws_each_figure_once(found, tmp_path, monkeypat
         return replace(drawing, draw=lambda result: counted.append(drawing.name) or drawing.draw(result))
 
     wanted = ("residual-spectrum",)
-    monkeypatch.setattr(_save, "FIGURES", [counting(d) for d in _save.FIGURES if d.name in wanted])
+    monkeypatch.setattr(_report, "FIGURES", [counting(d) for d in _report.FIGURES if d.name in wanted])
     identification_report(found.after, tmp_path, figures=tmp_path / "figures")
     assert counted == list(wanted)
     assert sorted(p.name for p in (tmp_path / "figures").iterdir()) == ["residual-spectrum.png"]

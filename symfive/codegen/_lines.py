@@ -39,7 +39,8 @@ def table_axes(subject: Subject, purpose: str) -> tuple[str, str]:
 def axis_lines(subject: Subject) -> dict[str, tuple[AxisLine, AxisLine]]:
     """Every rotary axis: its line by design and by the parameters' values."""
     axes = subject.machine.axes
-    lines = {name: _numbers(line) for name, line in _lines(subject, ca.SX(ca.DM(list(subject.values)))).items()}
+    real = _lines(subject, ca.SX(ca.DM(list(subject.values))))
+    lines = {name: np.array(ca.evalf(line).full()[:, 0], dtype=np.float64) for name, line in real.items()}
     return {
         name: (
             AxisLine(name, np.asarray(axes[name].origin), np.asarray(axes[name].direction)),
@@ -72,7 +73,3 @@ def _lines(subject: Subject, p: Any) -> dict[str, Any]:
                 found[name] = ca.vertcat(pose.apply(ca.DM(axis.origin)), pose.rotation @ ca.DM(axis.direction))
             real = pose
     return found
-
-
-def _numbers(expression: Any) -> Array:
-    return np.array(ca.evalf(expression).full()[:, 0], dtype=np.float64)

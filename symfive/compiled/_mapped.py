@@ -19,8 +19,17 @@ import numpy as np
 from symfive.arrays import Array
 from symfive.compiled._cache import cache_folder
 from symfive.compiled._columns import FEWEST, SHARE, Columns
-from symfive.compiled._compiler import SWITCH, Compiler, find_compiler
-from symfive.compiled._library import Library, compiled, found, interpretation_s, key_of, note_interpretation
+from symfive.compiled._library import (
+    SWITCH,
+    Compiler,
+    Library,
+    compiled,
+    find_compiler,
+    found,
+    interpretation_s,
+    key_of,
+    note_interpretation,
+)
 
 BLOCK = 64
 """Rows in one call of the interpreter, at most."""

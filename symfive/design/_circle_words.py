@@ -9,8 +9,7 @@ import numpy as np
 
 from symfive.campaign import Campaign
 from symfive.design._assess import assess
-from symfive.design._circles import Circle
-from symfive.design._paths import CircleShape, limits_met
+from symfive.design._circles import Circle, CircleShape, limits_met
 from symfive.design._sweeps import SLOW_S, nuisances, recording_noise
 from symfive.effects import Effect
 from symfive.machine import Machine

@@ -32,8 +32,7 @@ from symfive.design._circle_words import (
     slow_noise_words,
     warnings_of,
 )
-from symfive.design._circles import Circle, Goal, chosen_clear, circle_of_runs
-from symfive.design._paths import FAMILIES, CircleShape, circle_runs
+from symfive.design._circles import FAMILIES, Circle, CircleShape, Goal, chosen_clear, circle_of_runs, circle_runs
 from symfive.design._refine_circles import refined_circles
 from symfive.design._request import check_robust
 from symfive.design._write import SCHEMA, write_circles

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from symfive.campaign import Campaign, Run, SetupSigma
+from symfive.campaign import Campaign, SetupSigma
 from symfive.design._assess import Assessment, assess
 from symfive.design._assessment_data import six_digits
 from symfive.design._minutes import Mixes
@@ -175,14 +175,10 @@ def certified(shared: Shared, expected: Assessment, campaign: Campaign, minutes:
     sigma = np.array([p.sigma for p in first.shared])
     S = expected.covariance[np.ix_(place, place)] / np.outer(sigma, sigma)
     value = shared.task.criterion.value(shared.task.of_interest(S))
-    mixes = shared.joint(minutes, [_mounted(shared, run, own) for run in campaign.runs])
+    mixes = shared.joint(minutes, [mounting_of(shared.spaces[run.instrument[0]], own, run) for run in campaign.runs])
     bound, candidates = mixes.lowest(), sum(len(m.rows) for m in mixes.mountings)
     best = min(mix.value for mix in shared.alone(minutes).single().values())
     gain = max(math.exp(best - bound), 1.0)
     return JointCertificate(
         min(1.0, math.exp(bound - value)), value, bound, gain, minutes, tuple(shared.spaces), candidates
     )
-
-
-def _mounted(shared: Shared, run: Run, own: int) -> Mounting:
-    return mounting_of(shared.spaces[run.instrument[0]], own, run)

@@ -17,6 +17,7 @@ import numpy as np
 from symfive.arrays import Array
 from symfive.campaign import Run
 from symfive.design._candidates import candidates_in, pose_grid, setup_options
+from symfive.design._seated import angles_of
 from symfive.design._space import UNIT_MM, Space
 from symfive.errors import InputError
 from symfive.procedures import PLANES, Nominal, circle_frame, polar_angle
@@ -93,8 +94,7 @@ def _of_run(space: Space, run: Run) -> tuple[Array, Array]:
             z[:, i] = np.radians(run.commands[name])
     if run.length is not None:
         bar = (Nominal(space.machine).ball(run.commands, run.tool_ball) - np.array(run.table_ball)) / length
-        z[:, space.poses - 2] = np.arctan2(bar[:, 1], bar[:, 0])
-        z[:, space.poses - 1] = np.arcsin(np.clip(bar[:, 2], -1.0, 1.0))
+        z[:, space.poses - 2 : space.poses] = angles_of(bar)
     z[:, space.poses :] = [*space.polar(x, y), height / UNIT_MM, -run.tool_ball[2] / UNIT_MM]
     return z, np.full((run.rows, 1), length)
 
@@ -173,6 +173,5 @@ def _paths(space: Space, setups: Array, lengths: Array) -> Iterator[tuple[Array,
 
 def _path(space: Space, rotary: Array, bar: Array, setup: Array, length: Array) -> tuple[Array, Array]:
     """Rotary axes (n, R) rad and unit vectors of the bar (n, 3), workpiece frame, in the variables of the space."""
-    azimuth, elevation = np.arctan2(bar[:, 1], bar[:, 0]), np.arcsin(np.clip(bar[:, 2], -1.0, 1.0))
-    z = np.concatenate([rotary, np.stack([azimuth, elevation], axis=1), np.tile(setup, (len(bar), 1))], axis=1)
+    z = np.concatenate([rotary, angles_of(bar), np.tile(setup, (len(bar), 1))], axis=1)
     return z, np.tile(length, (len(bar), 1))

@@ -1,10 +1,20 @@
-"""From a task to a design: set-ups, candidates, exchange, refinement, many starts."""
+"""From a task to a design: set-ups, candidates, exchange, refinement, many starts.
+
+The workers of any executor share the starts. What crosses is plain: machine, noise, set-up errors and task as bytes, a few
+numbers of the start, the design that comes back. Every process makes the space from it once. So a start gives the same design
+wherever it runs.
+"""
 
 from __future__ import annotations
 
+import functools
+import io
 import math
-from collections.abc import Callable
+import pickle
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
+from types import MappingProxyType
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -19,9 +29,11 @@ from symfive.design._candidates import (
     value_of,
 )
 from symfive.design._certificate import generate
-from symfive.design._space import Space
-from symfive.design._starts import each
+from symfive.design._space import Space, make_space
+from symfive.executors import Inline, results
 from symfive.optimal import Rows, Task, both_ways, choose, exchange, greedy, refine
+from symfive.threads import one_thread
+from symfive.validation import freeze
 
 LARGEST_REFINED = 80
 """Poses up to which the continuous refinement runs; beyond, whole numbers of the relaxed design's poses are as good."""
@@ -36,6 +48,7 @@ PART = 0.6
 DENSE = 3 * PER_SETUP
 """Poses by which set-ups are compared. They rank as their best poses do, and what few poses miss of these is more than set-ups
 differ by."""
+T = TypeVar("T")
 
 
 def optimise(
@@ -150,3 +163,46 @@ def _exchanged(space: Space, task: Task, rows: Rows, value: float) -> tuple[Rows
     moved = Rows.of(picked.z, picked.k, picked.group, rows.poses)
     reached = value_of(space, task, moved)
     return (moved, reached) if reached < value else (rows, value)
+
+
+def each(
+    pool: Executor | None, function: Callable[..., T], space: Space, task: Task, calls: Sequence[tuple[Any, ...]]
+) -> list[T]:
+    """`function(space, task, *call)` of every call, in their order; `space` is as `make_space` makes it.
+
+    Without a pool in this process. Raises what the first of the calls raised that failed.
+    """
+    if pool is None or isinstance(pool, Inline):
+        return [function(space, task, *call) for call in calls]
+    packed = _packed((space.machine, space.instrument, space.noise_um, space.setup_sigma), task)
+    return results(pool, _there, [(packed, function, *call) for call in calls])
+
+
+@one_thread
+def _there(packed: bytes, function: Callable[..., T], *call: Any) -> T:
+    """The same call in a worker."""
+    return function(*_unpacked(packed), *call)
+
+
+@functools.lru_cache(maxsize=1)
+def _unpacked(packed: bytes) -> tuple[Space, Task]:
+    (machine, instrument, noise_um, setup_sigma), task = pickle.loads(packed)
+    return make_space(machine, instrument, noise_um=noise_um, setup_sigma=setup_sigma), task
+
+
+def _packed(*parts: Any) -> bytes:
+    file = io.BytesIO()
+    _Pickler(file).dump(parts)
+    return file.getvalue()
+
+
+class _Pickler(pickle.Pickler):
+    """Knows the read-only mappings of a machine, and keeps the order of an array's axes in memory: sums follow it."""
+
+    def reducer_override(self, item: Any) -> Any:
+        if isinstance(item, MappingProxyType):
+            return freeze, (dict(item),)
+        if isinstance(item, np.ndarray) and not item.flags.forc:
+            order = np.argsort(item.strides, kind="stable")[::-1]
+            return np.transpose, (np.ascontiguousarray(item.transpose(order)), np.argsort(order))
+        return NotImplemented

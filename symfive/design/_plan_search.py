@@ -14,14 +14,13 @@ from functools import cached_property
 import numpy as np
 
 from symfive.campaign import Run
-from symfive.design._budget import most_per_minute, shortened
 from symfive.design._candidates import PER_SETUP, candidates_in, information_of, pose_grid, value_of
 from symfive.design._optimise import optimise
 from symfive.design._reach import Reach, with_ways_out
 from symfive.design._request import Request
 from symfive.design._robust import robust_exchange, survive_a_lost_pose
 from symfive.design._rounding import on_grid, one_tool, rounded
-from symfive.design._schedule import Laid, Schedule, retimed, scheduled
+from symfive.design._schedule import Laid, Schedule, most_per_minute, retimed, scheduled, shortened
 from symfive.design._space import Space
 from symfive.moves import Tested, cleared
 from symfive.nc import LETTERS, Post

@@ -13,8 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from symfive.arrays import Array
-from symfive.design._circles import Circle, Goal, check_clear, measured
-from symfive.design._paths import CircleShape, limits_met
+from symfive.design._circles import Circle, CircleShape, Goal, check_clear, limits_met, measured
 from symfive.effects import Effect
 from symfive.errors import InputError
 from symfive.machine import Machine

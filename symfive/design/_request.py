@@ -16,8 +16,8 @@ import numpy as np
 
 from symfive.campaign import Campaign, SetupSigma
 from symfive.design._assess import machine_information, workspace_places
-from symfive.design._budget import affordable
 from symfive.design._candidates import candidates_in, pose_grid, setup_options, value_of
+from symfive.design._schedule import affordable
 from symfive.design._space import Space, make_space
 from symfive.errors import InputError
 from symfive.machine import Machine

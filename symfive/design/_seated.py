@@ -195,7 +195,7 @@ def _leaves(space: Space, z: Array, k: Array, first: Indices, last: Indices, sha
     for share in np.concatenate([shares[2::5], np.delete(shares, np.s_[2::5])]):
         there = a[live] + share * (b[live] - a[live])
         if arcs is not None:
-            there[:, space.poses - 2 : space.poses] = _angles(arcs.at(live, float(share)))
+            there[:, space.poses - 2 : space.poses] = angles_of(arcs.at(live, float(share)))
         live = live[~np.any(space.kernel.limits(there, k[first[live]]) < -1e-6, axis=1)]
     bad = np.ones(len(first), dtype=bool)
     bad[live] = False
@@ -228,7 +228,7 @@ class _Arcs:
         return np.asarray(np.cos(angle) * self.start[rows] + np.sin(angle) * self.across[rows])
 
 
-def _angles(bars: Array) -> Array:
+def angles_of(bars: Array) -> Array:
     """Azimuth and elevation (n, 2) of unit vectors."""
     return np.stack([np.arctan2(bars[:, 1], bars[:, 0]), np.arcsin(np.clip(bars[:, 2], -1.0, 1.0))], axis=1)
 

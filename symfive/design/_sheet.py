@@ -11,8 +11,7 @@ import numpy as np
 
 from symfive.campaign import Campaign, Run
 from symfive.design._assess import Assessment
-from symfive.design._mounting import STILL, digits, from_axes, over_the_ball, path_facts
-from symfive.design._pose_table import mounted_before, pose_table
+from symfive.design._mounting import STILL, digits, from_axes, mounted_before, over_the_ball, path_facts, pose_table
 from symfive.design._schedule import SETUP_S
 from symfive.drawing import PAGE_STYLE, SCRIPT, poses_figure, templates
 from symfive.instruments import instruments_of, mounted

@@ -3,7 +3,7 @@
 The rotary axes turn straight from stop to stop at a constant speed, one alone or several together, and the linear axes keep the
 ball in its nest, or the bar at its length; a bar swings with them in its azimuth and elevation. Decided are the mountings and
 their number (`_sweep_recordings`), the speed, the stops and their order (`_sweep_recordings`, `_sweep_search`). The certificate
-compares the recordings with optimal seconds on a dense set of sweeps (`_sweep_certificate`): what lies between these is not
+compares the recordings with optimal seconds on a dense set of sweeps (`_sweep_recordings`): what lies between these is not
 proved.
 """
 
@@ -28,8 +28,7 @@ from symfive.design._optimal_weights import together
 from symfive.design._request import check_counts, check_minutes, interest_of, task_of, with_bars
 from symfive.design._schedule import SETUP_S
 from symfive.design._space import Space, make_space
-from symfive.design._sweep_certificate import SweepCertificate, bound_of, certified
-from symfive.design._sweep_recordings import MOST, Recording, mountings_that_pay
+from symfive.design._sweep_recordings import MOST, Recording, SweepCertificate, bound_of, certified, mountings_that_pay
 from symfive.design._sweeps import (
     DELAY_MS,
     SHORTEST,

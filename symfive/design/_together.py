@@ -20,7 +20,6 @@ from symfive.design._joint_certificate import (
     INSTRUMENTS,
     WORDS,
     JointCertificate,
-    Shared,
     certified,
     merged,
     shared_minutes,
@@ -179,20 +178,13 @@ def plan_together(
     if certify:
         progress("computing the certificate")
         certificate = certified(shared, expected, campaign, sum(part.minutes for part in parts))
-    return JointPlan(tuple(parts), certificate, expected, (*_refused(shared.refused), *_idle(shared, shares)))
-
-
-def _refused(reasons: Mapping[str, str]) -> list[str]:
-    return [f"{_words(name)} not used: {reason}" for name, reason in reasons.items()]
-
-
-def _idle(shared: Shared, shares: Mapping[str, object]) -> list[str]:
-    """The instruments that do not gain enough."""
-    return [
+    left_out = [f"{_words(name)} not used: {reason}" for name, reason in shared.refused.items()]
+    left_out += [
         f"{_words(name)} not used: in these minutes it lowers the variance by less than {100 * GAP:g} %"
         for name in shared.spaces
         if name not in shares
     ]
+    return JointPlan(tuple(parts), certificate, expected, tuple(left_out))
 
 
 def _shares(mix: Mix, pace: float) -> dict[str, tuple[int, float]]:

@@ -34,11 +34,6 @@ SHORTER = (0.3, 0.1)
 _LINKS = dict(zip(STAGES, (*LINKS, INSTRUMENT), strict=True))
 
 
-def rate_of(word: str) -> float:
-    """The weight of a word of the vocabulary."""
-    return 1.0 / (1 + _LISTED.index(word)) if word in _LISTED else 1.0 / len(_LISTED)
-
-
 @dataclass(frozen=True, kw_only=True)
 class Effect:
     """Base of all effects. A subclass is one file and one line in the table of `symfive.effects`.
@@ -103,7 +98,8 @@ class Effect:
     @property
     def rate(self) -> float:
         """How common it is beside other names."""
-        return rate_of(self.vocabulary)
+        word = self.vocabulary
+        return 1.0 / (1 + _LISTED.index(word)) if word in _LISTED else 1.0 / len(_LISTED)
 
     @property
     def coordinates(self) -> tuple[str, ...]:

@@ -10,7 +10,6 @@ Results stay where they are and stay the truth: `visit.json` among them is what 
 from symfive.history._alarms import Alarm, Cause
 from symfive.history._certificate import Office, certificate
 from symfive.history._change import Change, FindingChange, change_between
-from symfive.history._fleet import MachineRow, MachineTable
 from symfive.history._forecast import Forecast
 from symfive.history._history import FOLDER, Added, History, Rebuilt, rebuilt
 from symfive.history._limits import RATE, Limits, ewma_run_length
@@ -20,7 +19,7 @@ from symfive.history._take import RECORD, Details, read_record, record_bytes, ta
 from symfive.history._trend import Trend, trend_of
 from symfive.history._visit import KINDS, STAGES, Event, Finding, MachineId, Visit, instant
 from symfive.history._watched import Watched
-from symfive.history._words import trend_text
+from symfive.history._words import MachineRow, MachineTable, trend_text
 
 __all__ = [
     "FOLDER", "KINDS", "RATE", "RECORD", "STAGES", "Added", "Alarm", "Cause", "Change", "Details", "Event",

@@ -87,7 +87,8 @@ def _chart(trend: Trend, forecast: Forecast) -> Chart:
     return Chart(
         name=forecast.name, unit=unit_words(unit),
         now=f"{rounded(forecast.level, forecast.level_std, unit)} {unit_words(unit)}",
-        bars=_bars(x(time), y(value - WIDTH * std), y(value + WIDTH * std)), points=_dots(x(time), y(value)),
+        bars=_bars(x(time), y(value - WIDTH * std), y(value + WIDTH * std)),
+        points="".join(f"M{pair}h0" for pair in _pairs(x(time), y(value))),
         band=_area(x(time), y(top), y(bottom)), level=_line(x(time), y(np.clip(path, low, high))),
         limits=tuple(round(float(y(np.array(limit))), 1) for limit in limits if low <= limit <= high),
         marks=tuple(_marks(trend, x)), across=_dates(time, x), up=tuple(_numbers(low, high, y)),
@@ -151,10 +152,6 @@ def _area(x: Array, top: Array, bottom: Array) -> str:
     return f"M{'L'.join([*_pairs(x, top), *_pairs(x[::-1], bottom[::-1])])}Z" if len(x) else ""
 
 
-def _dots(x: Array, y: Array) -> str:
-    return "".join(f"M{pair}h0" for pair in _pairs(x, y))
-
-
 def _bars(x: Array, low: Array, high: Array) -> str:
     both = zip(x, low, high, strict=True)
     return "".join(f"M{a:.1f} {b:.1f}V{c:.1f}" for a, b, c in both if math.isfinite(b) and math.isfinite(c))
@@ -175,12 +172,8 @@ def _dates(time: Array, x: Place) -> tuple[tuple[float, str], ...]:
     if time[-1] - time[0] < 2.0 * YEAR:
         count = 3 if time[-1] > time[0] else 1
         at = np.linspace(time[0], time[-1], count)
-        return tuple((_inside(float(x(t))), f"{datetime.fromtimestamp(float(t), UTC):%Y-%m-%d}") for t in at)
+        middles = np.clip(x(at), LEFT + 18.0, WIDE - 34.0).round(1).tolist()  # so that no text is cut
+        return tuple((m, f"{datetime.fromtimestamp(float(t), UTC):%Y-%m-%d}") for m, t in zip(middles, at, strict=True))
     step = -(-(last.year - first.year) // 5)
     years = [datetime(year, 1, 1, tzinfo=UTC) for year in range(first.year + 1, last.year + 1, step)]
     return tuple((round(float(x(np.array(y.timestamp()))), 1), f"{y.year}") for y in years)
-
-
-def _inside(place: float) -> float:
-    """A date's middle, so that its text is not cut."""
-    return round(min(max(place, LEFT + 18.0), WIDE - 34.0), 1)

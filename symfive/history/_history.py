@@ -13,7 +13,6 @@ from symfive.errors import InputError
 from symfive.files import shown
 from symfive.history._change import Change, change_between
 from symfive.history._export import format_of, write_table
-from symfive.history._fleet import MachineTable, row_of
 from symfive.history._index import FILE, Index
 from symfive.history._limits import RATE
 from symfive.history._page import fleet_page, machine_page
@@ -22,6 +21,7 @@ from symfive.history._take import Details, is_result, taken
 from symfive.history._trend import Trend, trend_of
 from symfive.history._visit import Event, MachineId, Visit
 from symfive.history._watched import Watched
+from symfive.history._words import MachineTable, row_of
 from symfive.outputs import output_file, write_text
 from symfive.screen import plural
 

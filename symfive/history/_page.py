@@ -9,11 +9,19 @@ from typing import Any
 from symfive.drawing import page, templates
 from symfive.history._change import Change, change_between
 from symfive.history._charts import Spark, charts_of, spark
-from symfive.history._fleet import MachineRow, MachineTable, alarm_words
 from symfive.history._forecast import YEAR
 from symfive.history._trend import Trend, alarm_data
 from symfive.history._visit import Finding, Visit, instant
-from symfive.history._words import advice, alarm_sentence, conditions, forecast_sentence, smallest_step
+from symfive.history._words import (
+    MachineRow,
+    MachineTable,
+    advice,
+    alarm_sentence,
+    alarm_words,
+    conditions,
+    forecast_sentence,
+    smallest_step,
+)
 from symfive.numbers import plain_number, with_std, with_unit
 from symfive.screen import plural
 

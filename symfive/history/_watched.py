@@ -78,7 +78,8 @@ def watch_visits(
     state, watch = State.new(readings.basis.shape[1]), Watch(readings.basis, data.names, data.units, data.scale)
     alarms, (levels, variances) = list[Alarm](), np.empty((2, *readings.value.shape))
     begun = np.zeros(readings.value.shape, dtype=bool)
-    years, renewed = _intervals(visits), _renewals(visits, events)
+    years = np.diff([visits[0].time, *(visit.time for visit in visits)]) / YEAR  # since the visit before each
+    renewed = _renewals(visits, events)
     at, length = 0, 1
     while at < len(visits):
         alone = at == 0 or renewed[at]
@@ -111,11 +112,6 @@ def _alarm(entry: Mapping[str, Any]) -> Alarm:
         Cause(tuple(c["names"]), tuple(c["probabilities"]), c["change"], c["std"], c["unit"]) for c in entry["causes"]
     )
     return Alarm(entry["kind"], entry["visit"], entry["since"], entry["score"], entry["limit"], causes)
-
-
-def _intervals(visits: Sequence[Visit]) -> Array:
-    """Years since the visit before each."""
-    return np.diff([visits[0].time, *(visit.time for visit in visits)]) / YEAR
 
 
 def _renewals(visits: Sequence[Visit], events: Sequence[Event]) -> Flags:

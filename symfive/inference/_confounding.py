@@ -73,11 +73,8 @@ def confounded_combinations(matrix: Array, parameters: Sequence[Parameter]) -> t
         unit = row / np.linalg.norm(row)
         information = float(unit @ scaled @ unit)
         found.append(Confounding(names, tuple(float(row[i]) for i in kept), information))
-    return tuple(sorted(found, key=lambda c: (not any(_is_machine(n, parameters) for n in c.names), c.names)))
-
-
-def _is_machine(name: str, parameters: Sequence[Parameter]) -> bool:
-    return any(p.name == name and p.kind != "setup" for p in parameters)
+    machine = {p.name for p in parameters if p.kind != "setup"}
+    return tuple(sorted(found, key=lambda c: (machine.isdisjoint(c.names), c.names)))
 
 
 def _echelon(basis: Array, preferred: Flags) -> Array:

@@ -16,7 +16,6 @@ from symfive.nc._base import Step
 from symfive.nc._post import Post
 from symfive.nc._probing import ProbeWays
 from symfive.nc._recording import STANDSTILL, pulled_out
-from symfive.nc._route import Positions
 from symfive.nc._writer import LETTERS, ORIENT_S, Writer
 
 SHORT_REST_S = 0.1
@@ -106,7 +105,8 @@ def _without_standstill(steps: Sequence[Step]) -> list[Step]:
     there: dict[str, float] = {}
     rest: Step | None = None
     for step in steps:
-        if step.kind in ("rapid", "feed") and _stands_at(there, step.positions):
+        stands = all(name in there and abs(q - there[name]) < STANDSTILL for name, q in step.positions.items())
+        if step.kind in ("rapid", "feed") and stands:
             if step.seated:
                 before = rest.seconds if rest else 0.0
                 rest = replace(step, kind="dwell", positions={}, commands={}, seconds=before + step.seconds)
@@ -125,7 +125,3 @@ def _without_standstill(steps: Sequence[Step]) -> list[Step]:
             there.update(step.positions)
         found.append(step)
     return found
-
-
-def _stands_at(there: Positions, positions: Positions) -> bool:
-    return all(name in there and abs(value - there[name]) < STANDSTILL for name, value in positions.items())

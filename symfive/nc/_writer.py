@@ -78,12 +78,10 @@ class Writer:
 
     def opening(self) -> list[Step]:
         """What the run is, the first moves, the stop at which the instrument is seated."""
-        run = self.run
+        run, ball = self.run, " ".join(f"{round(v, 3) + 0.0:.3f}" for v in self.run.table_ball)
         found = [
             Step(kind="comment", text=f"run {run.id}, {run.rows} rows, {', '.join(run.instrument)}"),
-            Step(
-                kind="comment", text=f"table ball {_numbers(run.table_ball)} mm, tool length {-run.tool_ball[2]:g} mm"
-            ),
+            Step(kind="comment", text=f"table ball {ball} mm, tool length {-run.tool_ball[2]:g} mm"),
             Step(kind="comment", text="work offset: origin of the workpiece frame, all rotary axes at 0"),
         ]
         if run.length is not None:
@@ -344,7 +342,3 @@ class Writer:
 
 def _by_letter(name: str) -> tuple[int, str]:
     return LETTERS.find(name) % (len(LETTERS) + 1), name
-
-
-def _numbers(values: Sequence[float]) -> str:
-    return " ".join(f"{round(v, 3) + 0.0:.3f}" for v in values)

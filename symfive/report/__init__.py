@@ -10,17 +10,15 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from symfive.report._correlation import correlation_matrix
-    from symfive.report._diagnosis import diagnosis_report
+    from symfive.report._diagnosis import diagnosis_report, visible_parts
     from symfive.report._findings import diagnosis_text
     from symfive.report._over_coordinates import residuals_over_coordinates
     from symfive.report._over_time import residuals_over_time
     from symfive.report._parameters import error_motion_bands, parameters_chart
     from symfive.report._polar import polar_trace
     from symfive.report._prediction import prediction_chart
-    from symfive.report._report import identification_report
-    from symfive.report._save import save_figures
+    from symfive.report._report import identification_report, save_figures
     from symfive.report._spectrum import residual_spectrum
-    from symfive.report._visible import visible_parts
     from symfive.report._words import identification_text
     from symfive.report.signature import plot_signature
 
@@ -44,8 +42,8 @@ _MODULES = {
     "residual_spectrum": "_spectrum",
     "residuals_over_coordinates": "_over_coordinates",
     "residuals_over_time": "_over_time",
-    "save_figures": "_save",
-    "visible_parts": "_visible",
+    "save_figures": "_report",
+    "visible_parts": "_diagnosis",
 }
 
 

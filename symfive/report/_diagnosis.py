@@ -25,11 +25,10 @@ from symfive.report._findings import closing
 from symfive.report._geometry import geometry_chart, geometry_table
 from symfive.report._page import embedded, fragment, write_page
 from symfive.report._polar import polar_trace
-from symfive.report._save import FIGURES, keep
+from symfive.report._report import FIGURES, keep
 from symfive.report._standards import standards_section, worth_section
 from symfive.report._style import Tips
 from symfive.report._tables import noise_table, outlier_table, setup_table
-from symfive.report._visible import visible_parts
 
 NAME = "report.html"
 IN_SHORT = ("where", "how large", "how sure", "costs")
@@ -183,3 +182,19 @@ def _quality(diagnosis: Diagnosis, figures: Path) -> dict[str, object]:
         "setup": setup_table(after) if has_setup else "",
         "poses": Markup(poses_figure(after.model.campaign)),
     }  # fmt: skip
+
+
+def visible_parts(before: Identification, contributions: Sequence[Mapping[str, Array]]) -> list[dict[str, Array]]:
+    """Each contribution (run → (N, ny)) less what the parameters of `before` take of it.
+
+    With its Jacobian J and priors P, both whitened by the noise that the fit used: c - J (JᵀJ + P⁻¹)⁻¹ Jᵀc, the
+    linearised residual if c is in the readings and not in the model.
+    """
+    if not contributions:
+        return []
+    problem, taken = before.problem(), list[Array]()
+    for contribution in contributions:
+        information = problem.information_at(before.values, of=contribution)
+        matrix = information.matrix + np.diag(problem.prior_precision)
+        taken.append(np.asarray(np.linalg.solve(matrix, information.gradient)))
+    return problem.less(contributions, before.values, taken)

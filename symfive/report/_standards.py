@@ -12,7 +12,7 @@ from symfive.identify import Identification
 from symfive.numbers import rounded, unit_words
 from symfive.report._page import fragment
 from symfive.report._tables import Cell, table
-from symfive.standards import StandardValue, squareness_values, standard_values
+from symfive.standards import squareness_values, standard_values
 from symfive.worth import LONGEST, effect_worths, location_worths, signed
 
 MOST_VALUES, MOST_LIMITS = 200, 40
@@ -29,11 +29,13 @@ def standards_section(identification: Identification) -> Markup:
     values = (*found, *squareness_values(identification))[:MOST_VALUES]
     if not values:
         return Markup()
-    rows: list[list[str | Cell]] = [
-        [value.standard, value.title, Cell(rounded(value.value, _known(value), value.unit), value.value), _spread(value),
-         unit_words(value.unit), _conditions(value)]
-        for value in values
-    ]  # fmt: skip
+    rows: list[list[str | Cell]] = []
+    for value in values:
+        known = math.isfinite(value.u)
+        number = Cell(rounded(value.value, value.u if known else 0.0, value.unit), value.value)
+        spread = Cell(rounded(value.u, value.u, value.unit) if known else "unknown", value.u)
+        conditions = "; ".join(f"{key} {said}" for key, said in value.conditions.items() if key not in COMMON)
+        rows.append([value.standard, value.title, number, spread, unit_words(value.unit), conditions])
     limits = list(dict.fromkeys(f"{value.title}: {limit}" for value in values for limit in value.limits))[:MOST_LIMITS]
     heads = ["standard", "quantity", "value", "U (k = 2)", "unit", "holds for"]
     shown = table(
@@ -69,15 +71,3 @@ def worth_section(
 def _share(share: float | None) -> Cell:
     known = share is not None and math.isfinite(share)
     return Cell(signed(share), share) if known and share is not None else Cell("–", math.nan)
-
-
-def _known(value: StandardValue) -> float:
-    return value.u if math.isfinite(value.u) else 0.0
-
-
-def _spread(value: StandardValue) -> Cell:
-    return Cell(rounded(value.u, value.u, value.unit) if math.isfinite(value.u) else "unknown", value.u)
-
-
-def _conditions(value: StandardValue) -> str:
-    return "; ".join(f"{key} {said}" for key, said in value.conditions.items() if key not in COMMON)

@@ -1,15 +1,20 @@
-"""A number that a standard asks for, with its uncertainty and all that ISO 230-1 wants said beside it: as text, as JSON, and its
-decision by a tolerance (ISO 14253-1): pass, fail, or not to be decided.
+"""A number that a standard asks for, with its uncertainty and all that ISO 230-1 wants said beside it: the place of the
+test, as text, as JSON, and its decision by a tolerance (ISO 14253-1): pass, fail, or not to be decided.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+import numpy as np
+
+from symfive.campaign import Run
+from symfive.disk import release
 from symfive.errors import InputError
+from symfive.machine import Machine
 from symfive.numbers import plain_number, rounded, unit_words
 
 COVERAGE = 2.0
@@ -18,6 +23,8 @@ PASS, FAIL, UNDECIDED = "pass", "fail", "cannot be decided at this uncertainty"
 SCHEMA = "symfive.standards/1"
 NONE = "No number of a standard can be evaluated from these readings (a circle, a positioning test, a rotary test)."
 Decisions = Mapping[int, tuple[float, str]]
+STILL = 1e-6
+"""An axis that moves less (mm, degree) stands still."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -138,3 +145,28 @@ def standards_data(values: Sequence[StandardValue], decisions: Decisions | None 
             row |= dict(zip(("tolerance", "decision"), decisions[i], strict=True))
         rows.append(row)
     return {"schema": SCHEMA, "coverage_factor": 2, "values": rows}
+
+
+def moved(run: Run) -> set[str]:
+    """The axes that a run moves; a column that lies on disk is in memory by itself."""
+    found = set[str]()
+    for name, way in run.commands.items():
+        if float(np.ptp(way)) > STILL:
+            found.add(name)
+        release(way)
+    return found
+
+
+def place_of(machine: Machine, run: Run) -> dict[str, str]:
+    """The axes that moved, the place of the balls or the reflector, the positions of all axes that stood."""
+    moving = moved(run)
+    standing = [f"{n} {plain_number(run.commands[n][0])}" for n in machine.axis_names if n not in moving]
+    place = {"axes moved": ", ".join(n for n in machine.axis_names if n in moving) or "none"}
+    if "laser" not in run.instrument:
+        place["centre"] = f"({_listed(run.table_ball)}) mm in the workpiece frame"
+    place["tool reference"] = f"({_listed(run.tool_ball)}) mm in the tool frame"
+    return place | ({"axes at rest": f"{', '.join(standing)} (mm, °)"} if standing else {})
+
+
+def _listed(vector: Iterable[float]) -> str:
+    return ", ".join(plain_number(value) for value in vector)

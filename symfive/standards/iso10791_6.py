@@ -16,8 +16,7 @@ from symfive.instruments import instruments_of
 from symfive.machine import Machine
 from symfive.numbers import plain_number
 from symfive.procedures import Nominal
-from symfive.standards._place import moved, place_of
-from symfive.standards._value import COVERAGE, StandardValue
+from symfive.standards._value import COVERAGE, StandardValue, moved, place_of
 
 STANDARD = "ISO 10791-6"
 ANNEX = {2: "AK", 1: "CK", 0: "BK"}

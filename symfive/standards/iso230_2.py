@@ -24,8 +24,7 @@ import numpy as np
 from symfive.arrays import Array
 from symfive.campaign import Campaign, Run
 from symfive.numbers import unit_words
-from symfive.standards._place import place_of
-from symfive.standards._value import COVERAGE, StandardValue
+from symfive.standards._value import COVERAGE, StandardValue, place_of
 
 STANDARD = "ISO 230-2"
 SAME = 1e-3

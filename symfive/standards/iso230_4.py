@@ -26,8 +26,7 @@ from symfive.campaign import Campaign, Run
 from symfive.circles import Circle, CircleFinder, grouped
 from symfive.instruments import columns_of
 from symfive.numbers import plain_number
-from symfive.standards._place import moved, place_of
-from symfive.standards._value import COVERAGE, StandardValue
+from symfive.standards._value import COVERAGE, StandardValue, moved, place_of
 
 STANDARD = "ISO 230-4"
 KNOWN_LENGTH_UM = 50.0
