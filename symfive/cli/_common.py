@@ -24,6 +24,8 @@ class Number(click.ParamType[float]):
     """A number from `low` to `high`, neither NaN nor infinity nor beyond all machines."""
 
     name = "number"
+    kind: Callable[[Any], float] = float
+    words, form = "a number", "g"
 
     def __init__(self, low: float = -LARGEST, high: float = LARGEST) -> None:
         self.low, self.high = low, high
@@ -31,31 +33,21 @@ class Number(click.ParamType[float]):
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
         """The number that the text says."""
         try:
-            number = float(value)
+            number = self.kind(value)
         except ValueError:
-            self.fail(f"{shown(value)} is not a number", param, ctx)
+            self.fail(f"{shown(value)} is not {self.words}", param, ctx)
         if not self.low <= number <= self.high:
-            self.fail(f"{shown(value)} is not a number from {self.low:g} to {self.high:g}", param, ctx)
+            ends = f"from {self.low:{self.form}} to {self.high:{self.form}}"
+            self.fail(f"{shown(value)} is not {self.words} {ends}", param, ctx)
         return number
 
 
-class Whole(click.ParamType[int]):
+class Whole(Number):
     """A whole number from `low` to `high`."""
 
     name = "integer"
-
-    def __init__(self, low: int, high: int) -> None:
-        self.low, self.high = low, high
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int:
-        """The number that the text says."""
-        try:
-            number = int(value)
-        except ValueError:
-            self.fail(f"{shown(value)} is not a whole number", param, ctx)
-        if not self.low <= number <= self.high:
-            self.fail(f"{shown(value)} is not a whole number from {self.low} to {self.high}", param, ctx)
-        return number
+    kind = int
+    words, form = "a whole number", "d"
 
 
 class _Path(click.Path):
