@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
 __all__ = ["DETERMINED", "UNIT_SCALE", "Parameter", "parameter_words"]
 
 UNIT_SCALE = {
@@ -62,6 +64,10 @@ class Parameter:
     def quantity(self) -> str:
         """Its name without its run or mounting: `tool_ball.x`."""
         return self.name.removeprefix(f"{'setup' if self.mounting is None else 'mounting'}.{self.owner}.")
+
+    def drawn(self, generator: np.random.Generator) -> float:
+        """One draw from its prior, kept within its bounds."""
+        return min(max(self.mean + self.sigma * generator.standard_normal(), self.lower), self.upper)
 
     @property
     def initial(self) -> float:

@@ -87,9 +87,7 @@ def simulate(
 
 
 def _draw(parameter: Parameter, generator: np.random.Generator) -> float:
-    """One draw from the prior (always one number, so that the others do not depend on it), kept within the bounds."""
-    sigma = parameter.sigma
+    """One draw from the prior (always one number, so that the others do not depend on it)."""
     if parameter.kind == "setup":
-        sigma = min(sigma, WIDEST_SETUP_UM)
-    value = parameter.mean + sigma * generator.standard_normal()
-    return float(np.clip(value, parameter.lower, parameter.upper))
+        parameter = replace(parameter, sigma=min(parameter.sigma, WIDEST_SETUP_UM))
+    return parameter.drawn(generator)

@@ -24,7 +24,7 @@ from symfive.instruments import instruments_of
 from symfive.machine import Machine
 from symfive.model import Model
 from symfive.numbers import plain_number, unit_words
-from symfive.optimal import inverse
+from symfive.optimal import inverse, marginal
 from symfive.parameters import Parameter
 from symfive.screen import OnScreen, listed
 from symfive.threads import one_thread
@@ -207,13 +207,9 @@ def machine_information(
     matrix = np.sum(list(_data_information(model, noise).values()), axis=0)
     wanted = list(names)
     chosen = np.array([model.index[name] for name in wanted if name in model.index], dtype=np.int64)
-    other = np.setdiff1d(np.arange(len(model.parameters)), chosen)
-    inner = matrix[np.ix_(chosen, chosen)]
-    if other.size:
-        rest = matrix[np.ix_(other, other)] + np.diag(model.prior_sigma[other] ** -2.0)
-        cross = matrix[np.ix_(chosen, other)]
-        inner = inner - cross @ inverse(rest) @ cross.T
-    values, vectors = np.linalg.eigh(inner)
+    priors = model.prior_sigma**-2.0
+    priors[chosen] = 0.0
+    values, vectors = np.linalg.eigh(marginal(matrix + np.diag(priors), chosen))
     found = np.zeros((len(wanted), len(wanted)))
     place = np.array([i for i, name in enumerate(wanted) if name in model.index], dtype=np.int64)
     found[np.ix_(place, place)] = (vectors * np.maximum(values, 0.0)) @ vectors.T
@@ -301,7 +297,6 @@ def _valuation(campaign: Campaign, model: Model, information: Array) -> dict[str
     known: it depends on the poses only. Below 2 the poses suit the axis badly, from 4 on they suit it well.
     """
     unknown = [i for i, p in enumerate(model.parameters) if p.kind == "setup" and ".tool_ball." not in p.name]
-    setup = np.array(unknown, dtype=np.int64)
     noise = float(np.mean([model.noise(run).mean() for run in campaign.runs]))
     found = {}
     for name, axis in campaign.machine.axes.items():
@@ -310,11 +305,8 @@ def _valuation(campaign: Campaign, model: Model, information: Array) -> dict[str
         ]
         if not axis.rotary or not own:
             continue
-        mine = np.array(own, dtype=np.int64)
-        inner = information[np.ix_(mine, mine)]
-        if setup.size:
-            cross = information[np.ix_(mine, setup)]
-            inner = inner - cross @ inverse(information[np.ix_(setup, setup)]) @ cross.T
+        open_ = [*own, *unknown]
+        inner = marginal(information[np.ix_(open_, open_)], np.arange(len(own)))
         lever = np.array([LEVER_MM * 1e-3 if model.parameters[i].unit == "urad" else 1.0 for i in own])
         inner = inner / np.outer(lever, lever)
         found[name] = noise * math.exp(0.5 * float(np.linalg.slogdet(inner)[1]) / len(own))

@@ -20,7 +20,7 @@ from symfive.machine import Machine
 from symfive.model import Model
 from symfive.moves import cleared
 from symfive.nc import LETTERS
-from symfive.optimal import Criterion, inverse
+from symfive.optimal import Criterion, inverse, marginal
 from symfive.procedures import heights, planar_circle, synchronous_circle
 
 FAMILIES = {
@@ -135,16 +135,14 @@ def typical_values(model: Model) -> Array:
 
 def true_values(model: Model, draws: int) -> list[Array]:
     """Typical values first, then `draws` in which the effects' parameters are drawn from their priors, within bounds."""
-    found = [typical_values(model)]
-    generator = np.random.default_rng(0)
-    effects = [i for i, p in enumerate(model.parameters) if p.kind == "effect"]
-    for _ in range(draws):
-        vector = found[0].copy()
-        for i in effects:
-            p = model.parameters[i]
-            vector[i] = np.clip(p.mean + p.sigma * generator.standard_normal(), p.lower, p.upper)
-        found.append(vector)
-    return found
+    typical, generator = typical_values(model), np.random.default_rng(0)
+    return [typical, *(with_drawn_effects(model, typical, generator) for _ in range(draws))]
+
+
+def with_drawn_effects(model: Model, vector: Array, generator: np.random.Generator) -> Array:
+    """A parameter vector with those of the effects drawn from their priors, within bounds."""
+    drawn = (p.drawn(generator) if p.kind == "effect" else x for p, x in zip(model.parameters, vector, strict=True))
+    return np.array(list(drawn))
 
 
 def measured(
@@ -188,13 +186,9 @@ def _marginal(model: Model, runs: Sequence[Run], vector: Array) -> Array:
         slopes = (line.jacobian / model.noise(run)[:, None]).reshape(-1, line.jacobian.shape[2])
         gram = slopes.T @ slopes
         inside = np.array([i in place for i in line.columns])
-        own = line.columns[~inside]
-        rest = gram[np.ix_(~inside, ~inside)] + np.diag(model.prior_sigma[own] ** -2.0)
-        cross = gram[np.ix_(inside, ~inside)]
+        gram += np.diag(np.where(inside, 0.0, model.prior_sigma[line.columns] ** -2.0))
         index = [place[int(i)] for i in line.columns[inside]]
-        total[np.ix_(index, index)] += gram[np.ix_(inside, inside)] - (
-            cross @ inverse(rest) @ cross.T if own.size else 0.0
-        )
+        total[np.ix_(index, index)] += marginal(gram, np.flatnonzero(inside))
     return total
 
 

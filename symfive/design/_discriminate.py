@@ -21,6 +21,7 @@ import numpy as np
 
 from symfive.arrays import Array
 from symfive.campaign import Campaign, Run
+from symfive.design._circles import with_drawn_effects
 from symfive.effects import form_words
 from symfive.errors import EvaluationError, InputError
 from symfive.inference import halved
@@ -206,15 +207,7 @@ def _truths(model: Model, values: Mapping[str, float] | None, draws: int, seed: 
     if draws <= 0:
         return [vector]
     generator = np.random.default_rng(seed)
-    effects = [i for i, p in enumerate(model.parameters) if p.kind == "effect"]
-    found = []
-    for _ in range(draws):
-        drawn = vector.copy()
-        for i in effects:
-            p = model.parameters[i]
-            drawn[i] = np.clip(p.mean + p.sigma * generator.standard_normal(), p.lower, p.upper)
-        found.append(drawn)
-    return found
+    return [with_drawn_effects(model, vector, generator) for _ in range(draws)]
 
 
 def _separation(

@@ -20,6 +20,7 @@ from symfive.design._candidates import candidates_in, pose_grid, setup_options
 from symfive.design._seated import angles_of
 from symfive.design._space import UNIT_MM, Space
 from symfive.errors import InputError
+from symfive.optimal import marginal
 from symfive.procedures import PLANES, Nominal, circle_frame, polar_angle
 
 POSES = 150
@@ -51,9 +52,8 @@ class Mounting:
         """The information (shared, shared) that `seconds` (n,) of its readings add, its set-up errors marginalised."""
         flat = self.rows.transpose(1, 0, 2).reshape(self.rows.shape[1], -1)
         gram = (flat * np.repeat(seconds, self.rows.shape[2])) @ flat.T
-        own = gram[shared:, shared:] + np.eye(len(gram) - shared)
-        cross = gram[:shared, shared:]
-        return np.asarray(gram[:shared, :shared] - cross @ np.linalg.solve(own, cross.T))
+        priors = np.diag(np.where(np.arange(len(gram)) < shared, 0.0, 1.0))
+        return marginal(gram + priors, np.arange(shared))
 
 
 def mountings_of(space: Space, own: int, *, rate_hz: float | None = None) -> list[Mounting]:

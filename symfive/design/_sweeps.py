@@ -29,7 +29,7 @@ from symfive.errors import InputError
 from symfive.inference import Noise, whiten
 from symfive.machine import Machine
 from symfive.model import Model
-from symfive.optimal import inverse
+from symfive.optimal import marginal
 from symfive.procedures import DWELL_S, checked, followed, through
 
 LOOKED_AT_DEG = 2.0
@@ -253,10 +253,9 @@ class Sweeps:
     def shared(self, total: Array) -> Array:
         """What the information (k, k) of a recording says of the parameters that all recordings share, its own marginalised;
         (k, k), zero for its own."""
-        own, others = np.flatnonzero(self.own), np.flatnonzero(~self.own)
-        rest = total[np.ix_(own, own)] + np.diag(self.model.prior_sigma[own] ** -2.0)
-        cross, found = total[np.ix_(others, own)], np.zeros_like(total)
-        found[np.ix_(others, others)] = total[np.ix_(others, others)] - cross @ inverse(rest) @ cross.T
+        others, found = np.flatnonzero(~self.own), np.zeros_like(total)
+        priors = np.diag(np.where(self.own, self.model.prior_sigma**-2.0, 0.0))
+        found[np.ix_(others, others)] = marginal(total + priors, others)
         return found
 
     def recorded(self, stops: Sequence[Array], speed: float) -> tuple[Run, Array]:

@@ -8,7 +8,7 @@ find designs of whole poses, `refine` moves their poses, `relax` bounds them all
 from symfive.optimal._cells import TINY, Cells, Cut, FirstCells, first_cells
 from symfive.optimal._criteria import CRITERIA, Criterion, Trace, Volume, Worst, criterion_of, name_of
 from symfive.optimal._exchange import Candidates, both_ways, choose, exchange, greedy
-from symfive.optimal._information import Layout, Task, inverse
+from symfive.optimal._information import Layout, Task, inverse, marginal
 from symfive.optimal._kernel import Kernel
 from symfive.optimal._refine import Objective, Rows, refine
 from symfive.optimal._relaxed import Relaxed, marginal_sensitivity, relax, sensitivity
@@ -17,5 +17,5 @@ from symfive.optimal._spectrum import spectrum_of
 __all__ = [
     "CRITERIA", "TINY", "Candidates", "Cells", "Criterion", "Cut", "FirstCells", "Kernel", "Layout", "Objective", "Relaxed",
     "Rows", "Task", "Trace", "Volume", "Worst", "both_ways", "choose", "criterion_of", "exchange", "first_cells", "greedy",
-    "inverse", "marginal_sensitivity", "name_of", "refine", "relax", "sensitivity", "spectrum_of",
+    "inverse", "marginal", "marginal_sensitivity", "name_of", "refine", "relax", "sensitivity", "spectrum_of",
 ]  # fmt: skip

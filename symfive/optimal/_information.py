@@ -16,6 +16,14 @@ def inverse(matrix: Array) -> Array:
     return np.asarray(np.linalg.inv(matrix * np.outer(scale, scale)) * np.outer(scale, scale))
 
 
+def marginal(information: Array, kept: Indices) -> Array:
+    """Information (m, m) about the parameters `kept` (m,) of those of an information matrix, all others marginalised."""
+    others = np.setdiff1d(np.arange(len(information)), kept)
+    cross = information[np.ix_(kept, others)]
+    own = information[np.ix_(kept, kept)]
+    return np.asarray(own - cross @ inverse(information[np.ix_(others, others)]) @ cross.T)
+
+
 @dataclass(frozen=True)
 class Layout:
     """Which columns a row of group g touches: `shared` parameters first, then `own` set-up errors for each group."""
@@ -91,7 +99,4 @@ class Task:
 
     def marginal(self, information: Array, layout: Layout) -> Array:
         """Information about the machine with all set-up errors marginalised (shared, shared), prior included."""
-        p = layout.shared
-        own = information[p:, p:]
-        cross = information[:p, p:]
-        return np.asarray(information[:p, :p] - cross @ inverse(own) @ cross.T) if own.size else information
+        return marginal(information, np.arange(layout.shared))
