@@ -12,7 +12,7 @@ from symfive.design._assess import Assessment, assess
 from symfive.design._assessment_data import assessment_data
 from symfive.design._circle_words import sigma_words
 from symfive.design._sweeps import SLOW_S, noise_data, nuisances, recording_noise, without_drive
-from symfive.design._write import SCHEMA, write_recordings
+from symfive.design._write import SCHEMA, Written, write_recordings
 from symfive.effects import Effect
 from symfive.errors import InputError
 from symfive.given import machine_given
@@ -20,9 +20,8 @@ from symfive.inference import Noise
 from symfive.machine import Machine
 from symfive.model import effect_to_data
 from symfive.nc import Post
-from symfive.outputs import output_folder
 from symfive.procedures import campaign_of, planar_circle
-from symfive.screen import OnScreen, listed
+from symfive.screen import listed
 from symfive.threads import one_thread
 
 WHOLE_DEG = 360.0
@@ -31,7 +30,7 @@ SEEN = 0.5
 
 
 @dataclass(frozen=True, repr=False)
-class CircularTest(OnScreen):
+class CircularTest(Written):
     """A circular test: the `campaign` without readings, the `assessment` of what it tells with lag of the drives as a nuisance
     (`effects`, which an identification has to free) and correlated `noise`, `notes` in plain words."""
 
@@ -54,12 +53,8 @@ class CircularTest(OnScreen):
             **assessment_data(self.assessment), "notes": list(self.notes),
         }  # fmt: skip
 
-    def write(
-        self, folder: Path | str, *, nc: Iterable[str] = ("iso",), post: Post | None = None, overwrite: bool = False
-    ) -> None:
-        """The campaign without readings, plan.json, NC programs and set-up sheet, whole or not at all."""
-        with output_folder(Path(folder), overwrite=overwrite) as target:
-            write_recordings(self.campaign, self.assessment, self.to_data(), target, tuple(nc), post)
+    def _write_into(self, folder: Path, nc: tuple[str, ...], post: Post | None) -> None:
+        write_recordings(self.campaign, self.assessment, self.to_data(), folder, nc, post)
 
     def __str__(self) -> str:
         lines = [f"circular test, {len(self.campaign.runs)} recordings, {self.minutes:.1f} min without set-up"]

@@ -35,7 +35,7 @@ from symfive.design._circle_words import (
 from symfive.design._circles import FAMILIES, Circle, CircleShape, Goal, chosen_clear, circle_of_runs, circle_runs
 from symfive.design._refine_circles import refined_circles
 from symfive.design._request import check_robust
-from symfive.design._write import SCHEMA, write_circles
+from symfive.design._write import SCHEMA, Written, write_recordings
 from symfive.effects import Effect
 from symfive.errors import InputError
 from symfive.given import machine_given
@@ -43,10 +43,9 @@ from symfive.machine import Machine
 from symfive.model import Model
 from symfive.nc import Post
 from symfive.optimal import criterion_of
-from symfive.outputs import output_folder
 from symfive.parameters import Parameter
 from symfive.procedures import PLANES, campaign_of, circle_frame, heights, senses
-from symfive.screen import OnScreen, listed
+from symfive.screen import listed
 from symfive.threads import one_thread
 
 RATIOS = (0.0, 0.3, 0.5, 0.7, 0.8, 0.85, 0.9, 1.1, 1.15, 1.2, 1.3, 1.5, 1.8)
@@ -60,7 +59,7 @@ DRAWS = 4
 
 
 @dataclass(frozen=True, repr=False)
-class CirclePlan(OnScreen):
+class CirclePlan(Written):
     """Circles chosen together: the campaign, the `circles` in it, expected 1σ of the effects' `parameters` (file units), all
     circles that were `considered`, ψ of the best of these (`grid_value`) and of the refined ones (`value`), `notes` in plain
     words: limits and ends of lists that are met, circles that are repeats, parameters that none of them sees; the
@@ -90,12 +89,10 @@ class CirclePlan(OnScreen):
             **assessment_data(assess(self.campaign, effects=self.effects)), "notes": list(self.notes),
         }  # fmt: skip
 
-    def write(
-        self, folder: Path | str, *, nc: Iterable[str] = ("iso",), post: Post | None = None, overwrite: bool = False
-    ) -> None:
-        """The campaign without readings, plan.json, NC programs and set-up sheet, whole or not at all."""
-        with output_folder(Path(folder), overwrite=overwrite) as target:
-            write_circles(self, target, tuple(nc), post)
+    def _write_into(self, folder: Path, nc: tuple[str, ...], post: Post | None) -> None:
+        worth = "" if self.certificate is None else f"Certificate: {self.certificate.says}"
+        expected = assess(self.campaign, effects=self.effects)
+        write_recordings(self.campaign, expected, self.to_data(), folder, nc, post, worth)
 
     def __str__(self) -> str:
         count = len(self.circles)

@@ -26,12 +26,12 @@ from symfive.design._request import Request, indexed, interest_of, refuse_unseen
 from symfive.design._robust import drawn_spaces, lost_pose, over_prior
 from symfive.design._schedule import Schedule
 from symfive.design._space import Space
+from symfive.design._write import Written, plan_data, write_plan
 from symfive.given import campaign_given, machine_given
 from symfive.machine import Machine
 from symfive.nc import Post
 from symfive.optimal import Criterion, Rows, Task, name_of
-from symfive.outputs import output_folder
-from symfive.screen import OnScreen, listed
+from symfive.screen import listed
 from symfive.threads import one_thread
 from symfive.toolpath import ToolPath
 
@@ -43,7 +43,7 @@ REPORTED_DRAWS, DRAWS = 2, 6
 
 
 @dataclass(frozen=True, repr=False)
-class Plan(OnScreen):
+class Plan(Written):
     """A measurement plan.
 
     `campaign` without readings; `criterion` and the parameters `interest` it is for; `certificate` of the poses before the
@@ -72,21 +72,8 @@ class Plan(OnScreen):
     part: PartPlan | None = None
     notes: tuple[str, ...] = ()
 
-    def write(
-        self,
-        folder: Path | str,
-        *,
-        nc: Iterable[str] = ("iso",),
-        post: Post | None = None,
-        overwrite: bool = False,
-    ) -> None:
-        """The campaign without readings, plan.json, NC programs, set-up sheet and figures, whole or not at all.
-
-        `nc` dialects of the programs."""
-        from symfive.design._write import write_plan
-
-        with output_folder(Path(folder), overwrite=overwrite) as target:
-            write_plan(self, target, tuple(nc), post)
+    def _write_into(self, folder: Path, nc: tuple[str, ...], post: Post | None) -> None:
+        write_plan(self, folder, nc, post)
 
     def __str__(self) -> str:
         runs = [
@@ -103,8 +90,6 @@ class Plan(OnScreen):
 
     def to_data(self) -> dict[str, Any]:
         """plan.json as nested mappings."""
-        from symfive.design._write import plan_data
-
         return plan_data(self)
 
 

@@ -39,7 +39,7 @@ from symfive.design._sweeps import (
     recording_noise,
     without_drive,
 )
-from symfive.design._write import SCHEMA, write_recordings
+from symfive.design._write import SCHEMA, Written, write_recordings
 from symfive.effects import Effect
 from symfive.errors import InputError
 from symfive.given import campaign_given, machine_given
@@ -48,9 +48,8 @@ from symfive.machine import Machine
 from symfive.model import effect_to_data
 from symfive.nc import Post
 from symfive.optimal import Task, relax
-from symfive.outputs import output_folder
 from symfive.procedures import DWELL_S, campaign_of
-from symfive.screen import OnScreen, listed, plural
+from symfive.screen import listed, plural
 from symfive.threads import one_thread
 
 
@@ -73,7 +72,7 @@ LONGEST_S = 3600.0
 
 
 @dataclass(frozen=True, repr=False)
-class SweepPlan(OnScreen):
+class SweepPlan(Written):
     """Sweeps in one recording or several, each in a mounting of its own: the `campaign` without readings; of every run the
     `stops` (n, axes), degree, of the rotary `axes` and, of a ball bar, its azimuth and elevation in the workpiece frame, and the
     speed (`speeds`), degree/s, at which they turn; `effects` that an identification has to free with the geometry (lag, and the
@@ -121,13 +120,9 @@ class SweepPlan(OnScreen):
             **assessment_data(self.assessment), "notes": list(self.notes),
         }  # fmt: skip
 
-    def write(
-        self, folder: Path | str, *, nc: Iterable[str] = ("iso",), post: Post | None = None, overwrite: bool = False
-    ) -> None:
-        """The campaign without readings, plan.json, NC programs and set-up sheet, whole or not at all."""
+    def _write_into(self, folder: Path, nc: tuple[str, ...], post: Post | None) -> None:
         worth = ". ".join(note[:1].upper() + note[1:] for note in self._says)
-        with output_folder(Path(folder), overwrite=overwrite) as target:
-            write_recordings(self.campaign, self.assessment, self.to_data(), target, tuple(nc), post, worth)
+        write_recordings(self.campaign, self.assessment, self.to_data(), folder, nc, post, worth)
 
     @property
     def _says(self) -> list[str]:

@@ -28,18 +28,17 @@ from symfive.design._minutes import GAP, Mix
 from symfive.design._plan import Plan, plan
 from symfive.design._request import check_minutes
 from symfive.design._schedule import SETUP_S
-from symfive.design._write import SCHEMA, driven, write_joint
+from symfive.design._write import SCHEMA, Written, driven, write_joint
 from symfive.errors import InputError
 from symfive.given import campaign_given, machine_given
 from symfive.machine import Machine
 from symfive.nc import Post
-from symfive.outputs import output_folder
-from symfive.screen import OnScreen, listed
+from symfive.screen import listed
 from symfive.threads import one_thread
 
 
 @dataclass(frozen=True, repr=False)
-class JointPlan(OnScreen):
+class JointPlan(Written):
     """Plans of different instruments, `parts` in the order in which they are measured, for one machine; their `certificate`, None
     where none was asked for, and the `assessment` of all of their runs, with the campaign given before; `left_out` why other
     instruments are not used."""
@@ -88,13 +87,8 @@ class JointPlan(OnScreen):
             via=_all(p.via for p in posts), unsafe=_all(p.unsafe for p in posts), ways=_all(p.ways for p in posts),
         )  # fmt: skip
 
-    def write(
-        self, folder: Path | str, *, nc: Iterable[str] = ("iso",), post: Post | None = None, overwrite: bool = False
-    ) -> None:
-        """One campaign without readings, plan.json, NC programs of all runs and one set-up sheet, whole or not at all."""
-        with output_folder(Path(folder), overwrite=overwrite) as target:
-            own = self.driven(post)
-            write_joint(own, target, tuple(nc))
+    def _write_into(self, folder: Path, nc: tuple[str, ...], post: Post | None) -> None:
+        write_joint(self.driven(post), folder, nc)
 
     def to_data(self) -> dict[str, Any]:
         """plan.json as nested mappings."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,24 +10,39 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from symfive.campaign import FIRST_LINE, Campaign, Run, write_campaign_files
-from symfive.design._assess import Assessment, assess
+from symfive.design._assess import Assessment
 from symfive.design._assessment_data import assessment_data, six_digits
 from symfive.design._schedule import on_ways
 from symfive.design._sheet import Sheet, setup_sheet
 from symfive.errors import InputError
 from symfive.moves import cleared
 from symfive.nc import DIALECTS, LETTERS, Post, write_programs
-from symfive.outputs import write_json, write_text
+from symfive.outputs import output_folder, write_json, write_text
+from symfive.screen import OnScreen
 
 if TYPE_CHECKING:
     from symfive.design._discriminate import Discrimination
-    from symfive.design._dynamic import CirclePlan
     from symfive.design._plan import Plan
     from symfive.design._together import JointPlan
 
 SCHEMA = "symfive.plan/1"
 DRAWN = 36
 """Rows of a recording that its picture shows."""
+
+
+class Written(OnScreen):
+    """A plan that can be written as files, ready to run."""
+
+    def write(
+        self, folder: Path | str, *, nc: Iterable[str] = ("iso",), post: Post | None = None, overwrite: bool = False
+    ) -> None:
+        """The campaign without readings, plan.json, NC programs in the dialects `nc`, set-up sheet and figures, whole or not at
+        all."""
+        with output_folder(Path(folder), overwrite=overwrite) as target:
+            self._write_into(target, tuple(nc), post)
+
+    def _write_into(self, folder: Path, nc: tuple[str, ...], post: Post | None) -> None:
+        raise NotImplementedError
 
 
 def plan_data(plan: Plan) -> dict[str, Any]:
@@ -66,7 +81,7 @@ def plan_data(plan: Plan) -> dict[str, Any]:
     }
 
 
-def write_plan(plan: Plan, folder: Path, nc: tuple[str, ...] = ("iso",), post: Post | None = None) -> None:
+def write_plan(plan: Plan, folder: Path, nc: tuple[str, ...], post: Post | None) -> None:
     """Everything into a folder that exists."""
     from symfive.design._figures import svg, uncertainty_figure, worth_figure
 
@@ -104,7 +119,7 @@ def driven(plan: Plan, post: Post) -> Plan:
     )
 
 
-def write_joint(plan: JointPlan, folder: Path, nc: tuple[str, ...] = ("iso",)) -> None:
+def write_joint(plan: JointPlan, folder: Path, nc: tuple[str, ...]) -> None:
     """One campaign, plan.json, the programs of all runs and one set-up sheet into a folder that exists."""
     ways = [note for note in plan.notes if ": run " in note]
     certificate = [] if plan.certificate is None else [f"Certificate: {plan.certificate.says}"]
@@ -115,14 +130,6 @@ def write_joint(plan: JointPlan, folder: Path, nc: tuple[str, ...] = ("iso",)) -
     )
     _write_files(sheet, folder, nc)
     write_json(folder / "plan.json", plan.to_data())
-
-
-def write_circles(plan: CirclePlan, folder: Path, nc: tuple[str, ...] = ("iso",), post: Post | None = None) -> None:
-    """Campaign, plan.json, programs, set-up sheet and its pictures into a folder that exists. Raises `InputError` where a program
-    has no clear way."""
-    worth = "" if plan.certificate is None else f"Certificate: {plan.certificate.says}"
-    expected = assess(plan.campaign, effects=plan.effects)
-    write_recordings(plan.campaign, expected, plan.to_data(), folder, nc, post, worth)
 
 
 def write_recordings(
