@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -21,7 +20,7 @@ from symfive.design._candidates import pose_grid
 from symfive.design._rounding import on_grid
 from symfive.design._space import Space
 from symfive.moves import move_times
-from symfive.nc import Positions, Way
+from symfive.nc import Positions, Way, along_arcs
 
 BETWEEN = np.linspace(0.0, 1.0, 37)[1:-1]
 """Shares of a move at which the limits are looked at while the order is sought."""
@@ -188,44 +187,18 @@ def _leaves(space: Space, z: Array, k: Array, first: Indices, last: Indices, sha
     """Whether the seated moves from some rows to others leave the limits: rotary axes straight, the ball in its nest or the bar
     on the shorter arc, as the program drives."""
     a, b = z[first], z[last]
-    arcs = _Arcs.between(bars_of(space, a), bars_of(space, b)) if space.instrument == "ball_bar" else None
-    live = np.arange(
-        len(first)
-    )  # the first limit that is left settles a move: few places far apart are looked at first
+    bars = (bars_of(space, a), bars_of(space, b)) if space.instrument == "ball_bar" else None
+    live = np.arange(len(first))
+    # the first limit that is left settles a move: few places far apart are looked at first
     for share in np.concatenate([shares[2::5], np.delete(shares, np.s_[2::5])]):
         there = a[live] + share * (b[live] - a[live])
-        if arcs is not None:
-            there[:, space.poses - 2 : space.poses] = angles_of(arcs.at(live, float(share)))
+        if bars is not None:
+            between = along_arcs(bars[0][live], bars[1][live], np.array([share]))
+            there[:, space.poses - 2 : space.poses] = angles_of(between[:, 0])
         live = live[~np.any(space.kernel.limits(there, k[first[live]]) < -1e-6, axis=1)]
     bad = np.ones(len(first), dtype=bool)
     bad[live] = False
     return bad
-
-
-@dataclass(frozen=True)
-class _Arcs:
-    """The shorter arcs from unit vectors `start` (n, 3), by an `angle` (n, 1) towards the unit vectors `across` (n, 3)."""
-
-    start: Array
-    across: Array
-    angle: Array
-
-    @classmethod
-    def between(cls, a: Array, b: Array) -> _Arcs:
-        """From unit vectors a to b."""
-        cosine = np.sum(a * b, axis=1, keepdims=True)
-        across = b - cosine * a
-        size = np.linalg.norm(across, axis=1, keepdims=True)
-        upright = np.where(np.abs(a[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
-        other = np.cross(a, upright)
-        other /= np.linalg.norm(other, axis=1, keepdims=True)
-        across = np.where(size < 1e-12, other, across / np.maximum(size, 1e-12))
-        return cls(a, across, np.arctan2(size, cosine))
-
-    def at(self, rows: Indices, share: float) -> Array:
-        """The unit vectors at a share of some of them."""
-        angle = share * self.angle[rows]
-        return np.asarray(np.cos(angle) * self.start[rows] + np.sin(angle) * self.across[rows])
 
 
 def angles_of(bars: Array) -> Array:

@@ -25,7 +25,7 @@ from symfive.nc._route import (
     turned_home,
     upright_axis,
 )
-from symfive.nc._seat import Seat
+from symfive.nc._seat import Seat, along_arcs
 from symfive.nc._steps import arrival_times, outside_s, program_steps, series_of, series_steps
 from symfive.nc._touch import Probing, touch_reach
 from symfive.nc._writer import LETTERS
@@ -37,9 +37,9 @@ from symfive.outputs import write_text
 
 __all__ = [
     "CAUTION", "DIALECTS", "LETTERS", "UNCHECKED", "Dialect", "Positions", "Post", "Probing", "Seat", "Step", "Way", "able",
-    "arrival_times", "at_the_top", "can_probe", "collision_warning", "dialect_of", "lifts", "one_by_one", "out_to_the_top",
-    "outside_s", "over_the_top", "pace", "program", "program_steps", "series_of", "top_of", "touch_reach", "turned_home",
-    "upright_axis", "which_point", "write_programs",
+    "along_arcs", "arrival_times", "at_the_top", "can_probe", "collision_warning", "dialect_of", "lifts", "one_by_one",
+    "out_to_the_top", "outside_s", "over_the_top", "pace", "program", "program_steps", "series_of", "top_of", "touch_reach",
+    "turned_home", "upright_axis", "which_point", "write_programs",
 ]  # fmt: skip
 
 DIALECTS: dict[str, Dialect] = {dialect.name: dialect for dialect in (ISO, SIEMENS, HEIDENHAIN, LINUXCNC)}

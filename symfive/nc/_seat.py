@@ -112,7 +112,7 @@ class Seat:
         straight = before[:, None] + share[:, None] * (after - before)[:, None]
         out = np.linalg.norm(before - table, axis=1) > 1e-9
         if self.bar and out.any():
-            straight[out] = table + _arcs(before[out] - table, after[out] - table, share)
+            straight[out] = table + along_arcs(before[out] - table, after[out] - table, share)
         return np.asarray(straight)
 
     def _middles(self, commands: Array, places: Array, centred: bool) -> Array:
@@ -133,8 +133,8 @@ class Seat:
         return np.asarray(np.linalg.norm(there - places, axis=2).max(axis=1))
 
 
-def _arcs(a: Array, b: Array, share: Array) -> Array:
-    """From vectors a to b (legs, 3) on the shorter arcs, length interpolated (legs, n, 3)."""
+def along_arcs(a: Array, b: Array, share: Array) -> Array:
+    """Vectors (legs, n, 3) at n shares of the shorter arcs from a to b (legs, 3), length interpolated."""
     la, lb = (np.linalg.norm(vector, axis=1, keepdims=True) for vector in (a, b))
     u, v = a / la, b / lb
     cosine = np.sum(u * v, axis=1, keepdims=True)
