@@ -240,7 +240,7 @@ def test_harmless_differences(folder, text):
 def test_semicolons_tabs_and_decimal_commas(folder, monkeypatch, sign, mark, block):
     expected = read_campaign(folder).runs[0]
     if block:
-        monkeypatch.setattr("symfive.campaign._lines.BLOCK_BYTES", block)
+        monkeypatch.setattr("symfive.campaign._csv.BLOCK_BYTES", block)
     (folder / "sub" / "one.csv").write_text(ONE.replace(",", sign).replace(".", mark))
     run = read_campaign(folder).runs[0]
     for name, column in {**expected.commands, **expected.readings}.items():

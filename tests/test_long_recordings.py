@@ -14,7 +14,7 @@ import pytest
 from matplotlib.text import Text
 
 from symfive import disk
-from symfive.campaign import Campaign, Run, _lines, read_campaign, write_campaign
+from symfive.campaign import Campaign, Run, _csv, read_campaign, write_campaign
 from symfive.design import assess
 from symfive.effects import make_effect
 from symfive.errors import InputError
@@ -220,7 +220,7 @@ def test_whitening_by_stretches_is_whitening():
 
 def test_columns_read_by_blocks_are_the_same(monkeypatch, tmp_path, circles):
     write_campaign(circles, tmp_path / "measured")
-    monkeypatch.setattr(_lines, "BLOCK_BYTES", 5000)
+    monkeypatch.setattr(_csv, "BLOCK_BYTES", 5000)
     monkeypatch.setattr(disk, "IN_MEMORY_BYTES", 4000)
     for run, read in zip(circles.runs, read_campaign(tmp_path / "measured").runs, strict=True):
         assert isinstance(read.time, np.memmap) and not read.time.flags.writeable
@@ -261,14 +261,14 @@ def test_errors_name_the_same_place(monkeypatch, tmp_path, circles, name):
             return str(error)
 
     whole = said()
-    monkeypatch.setattr(_lines, "BLOCK_BYTES", 5000)
+    monkeypatch.setattr(_csv, "BLOCK_BYTES", 5000)
     assert said() == whole
     assert name.startswith("no:") or path.name in whole
 
 
 def test_a_line_without_end_is_refused(monkeypatch, tmp_path, circles):
     write_campaign(circles, tmp_path / "measured")
-    monkeypatch.setattr(_lines, "BLOCK_BYTES", 500)
+    monkeypatch.setattr(_csv, "BLOCK_BYTES", 500)
     path = tmp_path / "measured" / circles.runs[0].file
     path.write_text(path.read_text() + "1" * 3000)
     with pytest.raises(InputError, match="the line has more than") as caught:

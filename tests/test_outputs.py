@@ -246,7 +246,7 @@ def test_a_mixture_of_two_results_is_refused_with_the_remedy(here, capsys):
 
 
 def test_a_long_table_is_bound_as_a_short_one(here, monkeypatch):
-    monkeypatch.setattr("symfive.campaign._lines.BLOCK_BYTES", 200)
+    monkeypatch.setattr("symfive.campaign._csv.BLOCK_BYTES", 200)
     assert cli.main(["simulate", "plan", "-o", "m", "-q"]) == 0
     read_campaign(here / "m")
     table = here / "m" / PLAN.runs[0].file

@@ -6,8 +6,7 @@ edit (a plan's tables, TOML) are listed there and not bound. A folder without a 
 """
 
 from symfive.outputs._folder import output_file, output_folder, write_bytes, write_json, write_parts, write_text
-from symfive.outputs._manifest import MANIFEST, by_command
-from symfive.outputs._reading import Reading, own_data
+from symfive.outputs._manifest import MANIFEST, Reading, by_command, own_data
 
 __all__ = [
     "MANIFEST",

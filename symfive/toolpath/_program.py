@@ -1,11 +1,14 @@
 """An NC program as a tool path: modal codes, straight and circular blocks, sampled where the tool cuts.
 
 Circular blocks: centre by I J K (from the start) or radius R, in the planes XY, ZX and YZ, with whatever else moves.
+The words of a block (ISO 6983-1, LinuxCNC) are letters with plain numbers.
 """
 
 from __future__ import annotations
 
 import math
+import re
+from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
@@ -13,11 +16,16 @@ import numpy as np
 
 from symfive.arrays import Array
 from symfive.errors import InputError
-from symfive.files import read_text
+from symfive.files import read_text, shown
 from symfive.machine import Machine
 from symfive.toolpath._path import PROGRAM_LINEAR, STEP_DEG, STEP_MM, ToolPath
-from symfive.toolpath._words import AXES, Block, block_of
 
+AXES = "XYZABCUVW"
+_WORD = re.compile(r"\s*([A-Z])\s*([+-]?(?:\d+\.?\d*|\.\d+))")
+_COMMENT = re.compile(r"\([^()]*\)|;.*")
+POSTED = "post the program as plain ISO or LinuxCNC blocks"
+SILENT = "NOFS"
+"""Numbers of block and program, feed and speed: the tool's path is the same without them."""
 MOTIONS = ("G0", "G1", "G2", "G3")
 OFFSETS = ("G54", "G55", "G56", "G57", "G58", "G59")
 HARMLESS = (
@@ -44,6 +52,51 @@ PLANES = {"G17": ("X", "Y"), "G18": ("Z", "X"), "G19": ("Y", "Z")}
 CENTRE = {"X": "I", "Y": "J", "Z": "K"}
 OFF_MM, OFF_SHARE = 0.01, 1e-3
 """By so much may start and end differ in their distance from the centre: controls allow about as much."""
+
+
+@dataclass(frozen=True)
+class Block:
+    """A block: its `line` from 1, the `modal` codes as `G43.4`, the numbers of `words` by letter."""
+
+    line: int
+    modal: tuple[str, ...]
+    words: dict[str, float]
+
+    def axes(self) -> dict[str, float]:
+        """The words that name an axis."""
+        return {letter: value for letter, value in self.words.items() if letter in AXES}
+
+    def only(self, letters: str) -> None:
+        """Raise `InputError` for a word whose letter is none of an axis or of `letters`."""
+        for letter, value in self.words.items():
+            if letter not in AXES + letters:
+                raise InputError(f"the word {letter}{value:g} cannot be understood here", line=self.line, remedy=POSTED)
+
+
+def block_of(text: str, line: int) -> Block:
+    """The words of one line. Raises `InputError` with the line for what is no word."""
+    rest = _COMMENT.sub(" ", text).upper().strip().removeprefix("/").strip()
+    modal, words, place = list[str](), dict[str, float](), 0
+    while place < len(rest):
+        found = _WORD.match(rest, place)
+        if found is None:
+            raise _no_word(rest[place:].split(maxsplit=1)[0], line)
+        letter, number = found[1], float(found[2])
+        place = found.end()
+        if letter in "GM":
+            modal.append(f"{letter}{number:g}")
+        elif letter in words:
+            raise InputError(f"the word {letter} stands twice in the block", line=line, remedy=POSTED)
+        elif letter not in SILENT:
+            words[letter] = number
+    return Block(line, tuple(modal), words)
+
+
+def _no_word(text: str, line: int) -> InputError:
+    if any(sign in text for sign in "#[<="):
+        problem = f"{shown(text)} holds a parameter or an expression, which is not read"
+        return InputError(problem, line=line, remedy="post the program with plain numbers")
+    return InputError(f"{shown(text)} is no word with a number", line=line, remedy=POSTED)
 
 
 def read_program(

@@ -8,8 +8,10 @@ from unittest import mock
 
 import symfive.campaign._csv as campaign_csv  # blocks are made short
 from symfive.campaign import Campaign, Run, read_campaign
-from symfive.campaign._csv import read_columns  # one file without its folder
-from symfive.campaign._lines import lines_of  # lines block by block
+from symfive.campaign._csv import (
+    lines_of,  # lines block by block
+    read_columns,  # one file without its folder
+)
 from symfive.cli._measure import truth_of  # without a campaign to measure
 from symfive.convert import CONVERTERS, convert
 from symfive.errors import InputError
