@@ -8,6 +8,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from symfive.arrays import Array
 from symfive.effects._base import DRIVE, Effect
 from symfive.effects._form import Form, Forms
 from symfive.instruments.drive_force import DriveForce, driven_axis
@@ -74,9 +75,27 @@ def later_axes(machine: Machine, axis: str) -> tuple[str, ...]:
     return tuple(side[side.index(axis) + 1 :])
 
 
-def rotary_chain(machine: Machine, axis: str) -> tuple[str, ...]:
-    """The rotary axes on the same side of the chain as `axis`, from the bed outward."""
-    return tuple(name for name in side_of(machine, axis) if machine.axes[name].rotary)
+def turned_bodies(machine: Machine, axis: str) -> tuple[str, ...]:
+    """The rotary axes from `axis` outward, each of which turns a body."""
+    return tuple(name for name in (axis, *later_axes(machine, axis)) if machine.axes[name].rotary)
+
+
+def sine_to_gravity(machine: Machine, axis: str, down: tuple[float, float, float]) -> float:
+    """Sine of the angle between the direction of an axis and gravity."""
+    return float(np.linalg.norm(np.cross(machine.axes[axis].direction, down)) / np.linalg.norm(down))
+
+
+def upright(machine: Machine, axis: str, down: tuple[float, float, float]) -> bool:
+    """Whether an axis stands along gravity, to rounding."""
+    return bool(sine_to_gravity(machine, axis, down) ** 2 < np.finfo(float).eps)
+
+
+def across(direction: Array) -> tuple[Array, Array]:
+    """Two unit vectors across a unit vector, right-handed with it; (x, y) for z."""
+    seed = np.eye(3)[0] if abs(direction[0]) < 0.9 else np.eye(3)[1]
+    first = seed - direction * (direction @ seed)
+    first /= np.linalg.norm(first)
+    return first, np.cross(direction, first)
 
 
 def gravity_seen(row: Row, names: tuple[str, ...], down: tuple[float, float, float]) -> Any:

@@ -61,6 +61,14 @@ def propagate(
     return np.asarray(function(x), dtype=float), np.sqrt(np.maximum(variance, 0.0))
 
 
+def propagated(
+    function: Callable[[Array], float], names: Sequence[str], unit: str | None, values: Values, covariance: Covariance
+) -> Quantity:
+    """One number function(values of `names`) in `unit` with its standard deviation, to first order."""
+    (value,), (std,) = propagate(lambda p: [function(p)], names, values, covariance)
+    return Quantity(float(value), float(std), unit)
+
+
 def known_part(
     parameters: Sequence[Parameter], values: Values, covariance: Covariance
 ) -> tuple[dict[str, float], dict[tuple[str, str], float]]:

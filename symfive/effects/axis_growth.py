@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any, Self
+from typing import Self
 
 import casadi as ca
 import numpy as np
 
+from symfive.arrays import Array
 from symfive.effects._base import Effect
 from symfive.effects._form import Forms, positioned
-from symfive.effects._quantity import Covariance, Quantity, Values, propagate
+from symfive.effects._quantity import Covariance, Quantity, Values, propagated
 from symfive.errors import InputError
 from symfive.motion import Position
 from symfive.parameters import Parameter
@@ -90,12 +91,11 @@ class AxisGrowth(Effect):
         where growth and time constant are not, because only the first part of the rise was seen."""
         end, names = self.clock_span(campaign), [p.name for p in self.parameters(campaign)]
 
-        def reached(p: Any) -> list[float]:
-            return [float(p[0] * (end / self.span_s if self.shape == "linear" else 1.0 - np.exp(-end / p[2])))]
+        def reached(p: Array) -> float:
+            return float(p[0] * (end / self.span_s if self.shape == "linear" else 1.0 - np.exp(-end / p[2])))
 
-        (value,), (std,) = propagate(reached, names, values, covariance)
         found = super().describe(campaign, values, covariance)
         held = found["held"]
         assert isinstance(held.value, float)
         found["held"] = replace(held, value=self.its_axis(campaign).travel[0] + held.value)
-        return {**found, "reached": Quantity(float(value), float(std), "ppm")}
+        return {**found, "reached": propagated(reached, names, "ppm", values, covariance)}

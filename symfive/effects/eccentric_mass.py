@@ -8,9 +8,8 @@ from typing import Self
 import casadi as ca
 import numpy as np
 
-from symfive.arrays import Array
 from symfive.effects._base import Effect
-from symfive.effects._force import DOWN, carriers, gravity_seen
+from symfive.effects._force import DOWN, across, carriers, gravity_seen
 from symfive.effects._quantity import Covariance, Quantity, Values, amplitude_and_phase
 from symfive.errors import InputError
 from symfive.kinematics import axis_pose
@@ -57,7 +56,7 @@ class EccentricMass(Effect):
     def apply(self, row: Row) -> None:
         axis = row.machine.axes[str(self.axis)]
         along = np.asarray(axis.direction)
-        first, second = _across(along)
+        first, second = across(along)
         arm = self.parameter(row, "cos") * ca.DM(first) + self.parameter(row, "sin") * ca.DM(second)
         turned = axis_pose(axis, row.machine.structure.carries(axis.name), row.axis[axis.name], {}, {}).rotation @ arm
         moment = ca.cross(turned, gravity_seen(row, carriers(row.machine, axis.name), self.down))
@@ -73,11 +72,3 @@ class EccentricMass(Effect):
             "amplitude": amplitude,
             "place": place,
         }
-
-
-def _across(direction: Array) -> tuple[Array, Array]:
-    """Two unit vectors across a unit vector, right-handed with it; (x, y) for z."""
-    seed = np.eye(3)[0] if abs(direction[0]) < 0.9 else np.eye(3)[1]
-    first = seed - direction * (direction @ seed)
-    first /= np.linalg.norm(first)
-    return first, np.cross(direction, first)

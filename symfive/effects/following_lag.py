@@ -10,7 +10,7 @@ import numpy as np
 
 from symfive.effects._base import DRIVE, Effect
 from symfive.effects._form import Forms
-from symfive.effects._quantity import Covariance, Quantity, Values, own_quantity, propagate
+from symfive.effects._quantity import Covariance, Quantity, Values, own_quantity, propagated
 from symfive.errors import InputError
 from symfive.motion import LAG
 from symfive.parameters import Parameter
@@ -78,8 +78,7 @@ class FollowingLag(Effect):
         (lag,) = self.parameters(campaign)
         found = {"lag_ms": own_quantity(lag, values, covariance)}
         if values[lag.name] > 0.0:
-            gain, std = propagate(lambda x: 1e3 / x, (lag.name,), values, covariance)
-            found["position_gain"] = Quantity(float(gain[0]), float(std[0]), "1/s")
+            found["position_gain"] = propagated(lambda x: 1e3 / x[0], (lag.name,), "1/s", values, covariance)
         return found
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from symfive.arrays import Array
 from symfive.effects._base import Effect
 from symfive.effects._component import component_of
-from symfive.effects._force import DOWN, carriers, gravity_seen
+from symfive.effects._force import DOWN, across, carriers, gravity_seen, sine_to_gravity, upright
 from symfive.effects._form import Form, Forms, moving
 from symfive.effects._quantity import Covariance, Quantity, Values
 from symfive.errors import InputError
@@ -65,7 +65,7 @@ class GravitySag(Effect):
             raise InputError(f"{self.key}: parts {self.parts!r} are unknown", remedy=f"use {' and '.join(PARTS)}")
         if not machine.axes[str(self.axis)].rotary:
             raise InputError(f"{self.key}: a linear axis does not tilt", remedy="name the tilting axis")
-        if not self._tilted(campaign) and _upright(machine, str(self.axis), self.down):
+        if not self._tilted(campaign) and upright(machine, str(self.axis), self.down):
             raise InputError(f"{self.key}: gravity does not turn in its frame", remedy="name the tilting axis")
         held = machine.errors.get(self.component)
         if held is not None and held.over == (self.axis,) and held.basis == ("fourier",):
@@ -98,12 +98,12 @@ class GravitySag(Effect):
         return self.start_of_contact(run, str(self.axis), memory=False) if "branch" in self.parts else ()
 
     def apply(self, row: Row) -> None:
-        across, against = self._directions(row.machine)
+        level, against = self._directions(row.machine)
         change = gravity_seen(row, (*carriers(row.machine, str(self.axis)), str(self.axis)), self.down) - ca.DM(
             np.asarray(self.down) / np.linalg.norm(self.down)
         )
-        horizontal, upright = ca.dot(ca.DM(across), change), ca.dot(ca.DM(against), change)
-        sizes = dict(zip(PARTS, (horizontal, upright, horizontal**3), strict=False))
+        horizontal, vertical = ca.dot(ca.DM(level), change), ca.dot(ca.DM(against), change)
+        sizes = dict(zip(PARTS, (horizontal, vertical, horizontal**3), strict=False))
         if "branch" in self.parts:
             sizes["branch"] = -row.signal(self.signals()[0])
         for part in self.parts:
@@ -113,37 +113,27 @@ class GravitySag(Effect):
         """Unit vectors in the body across the axis: the horizontal one, and the one against gravity."""
         axis = machine.axes[str(self.axis)]
         direction, down = np.asarray(axis.direction), np.asarray(self.down) / np.linalg.norm(self.down)
-        if _upright(machine, axis.name, self.down):
-            first = np.eye(3)[np.argmin(np.abs(direction))]
-            first = first - direction * (direction @ first)
-            first /= np.linalg.norm(first)
-            return first, np.cross(direction, first)
-        across = np.cross(direction, down)
-        across *= (1.0 if machine.structure.carries(axis.name) == "workpiece" else -1.0) / np.linalg.norm(across)
-        upright = direction * (direction @ down) - down
-        return across, upright / np.linalg.norm(upright)
+        if upright(machine, axis.name, self.down):
+            return across(direction)
+        horizontal = np.cross(direction, down)
+        horizontal *= (1.0 if machine.structure.carries(axis.name) == "workpiece" else -1.0) / np.linalg.norm(
+            horizontal
+        )
+        against = direction * (direction @ down) - down
+        return horizontal, against / np.linalg.norm(against)
 
     def _tilted(self, campaign: Campaign) -> bool:
         """Whether an axis in front of it turns gravity in its frame."""
         machine = campaign.machine
-        tilting = [name for name in carriers(machine, str(self.axis)) if not _upright(machine, name, self.down)]
+        tilting = [name for name in carriers(machine, str(self.axis)) if not upright(machine, name, self.down)]
         return any(np.any(run.commands[name]) for run in campaign.runs for name in tilting)
 
     def describe(self, campaign: Campaign, values: Values, covariance: Covariance) -> dict[str, Quantity]:
         """`amplitude` is that of sin (or of the only part), `amplitude_one_minus_cos` the other one, both at sin q = 1: of an
         axis that no tilting one carries the sine of its angle to gravity times that of 1 g."""
         machine, found = campaign.machine, super().describe(campaign, values, covariance)
-        reach = 1.0 if self._tilted(campaign) else _sine(machine, str(self.axis), self.down)
+        reach = 1.0 if self._tilted(campaign) else sine_to_gravity(machine, str(self.axis), self.down)
         times = dict(zip(PARTS, (reach, reach, reach**3, 1.0), strict=True))
         names = {part: "amplitude" if part == self.parts[0] else f"amplitude_{part}" for part in self.parts}
         sizes = {names[part]: found[part].times(times[part]) for part in self.parts}
         return {"component": Quantity(self.component)} | sizes
-
-
-def _sine(machine: Machine, axis: str, down: tuple[float, float, float]) -> float:
-    return float(np.linalg.norm(np.cross(machine.axes[axis].direction, down)) / np.linalg.norm(down))
-
-
-def _upright(machine: Machine, axis: str, down: tuple[float, float, float]) -> bool:
-    """Whether an axis stands along gravity, to rounding."""
-    return bool(_sine(machine, axis, down) ** 2 < np.finfo(float).eps)

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, Self
+from typing import Self
 
 import casadi as ca
 import numpy as np
 
-from symfive.effects._force import DOWN, ForceEffect, gravity_seen, rotary_chain, usual_force
+from symfive.arrays import Array
+from symfive.effects._force import DOWN, ForceEffect, carriers, gravity_seen, turned_bodies, upright, usual_force
 from symfive.effects._form import FORCE
-from symfive.effects._quantity import Covariance, Quantity, Values, propagate
+from symfive.effects._quantity import Covariance, Quantity, Values, propagated
 from symfive.errors import InputError
 from symfive.instruments.drive_force import DriveForce
 from symfive.kinematics import axis_pose
@@ -48,56 +49,41 @@ class GravityTorque(ForceEffect):
 
     def prepare(self, campaign: Campaign) -> Self:
         prepared = super().prepare(campaign)
-        axis = self.its_axis(campaign)
+        machine, axis = campaign.machine, self.its_axis(campaign)
         if not axis.rotary:
             raise InputError(f"{self.key}: the weight on a linear axis is constant", remedy="name a rotary axis")
-        tilted = any(not _along(campaign.machine.axes[name].direction, self.down) for name in self._before(campaign))
-        if _along(axis.direction, self.down) and not tilted:
+        if all(upright(machine, name, self.down) for name in (*carriers(machine, axis.name), axis.name)):
             raise InputError(f"{self.key}: the axis stands upright, no weight loads it", remedy="name a tilted axis")
         if not any(map(self.applies, campaign.runs)):
             raise InputError(f"{self.key}: no run records the drive torque of {self.axis}", remedy="record drive_force")
         return replace(prepared, sigma_torque=self.sigma_torque or usual_force(campaign, str(self.axis), USUAL))
 
-    def _before(self, campaign: Campaign) -> tuple[str, ...]:
-        chain = rotary_chain(campaign.machine, str(self.axis))
-        return chain[: chain.index(str(self.axis))]
-
-    def _bodies(self, machine: Any) -> tuple[str, ...]:
-        chain = rotary_chain(machine, str(self.axis))
-        return chain[chain.index(str(self.axis)) :]
-
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
-        bodies = self._bodies(campaign.machine)
+        bodies = turned_bodies(campaign.machine, str(self.axis))
         return tuple(self.own(f"{body}.{c}", "Nm", self.sigma_torque or 1.0) for body in bodies for c in "xyz")
 
     def apply(self, row: Row) -> None:
-        chain = rotary_chain(row.machine, str(self.axis))
+        carried = carriers(row.machine, str(self.axis))
         along = ca.DM(row.machine.axes[str(self.axis)].direction)
         torque = ca.SX(0)
-        for body in self._bodies(row.machine):
-            upto = chain[: chain.index(body) + 1]
+        for body in turned_bodies(row.machine, str(self.axis)):
+            carried = (*carried, body)
             if body != self.axis:
-                pose = axis_pose(
-                    row.machine.axes[body], row.machine.structure.carries(body), row.axis[body], {}, {}
-                )  # fmt: skip
-                along = pose.rotation.T @ along
-            arm = ca.cross(gravity_seen(row, upto, self.down), along)
+                side = row.machine.structure.carries(body)
+                along = axis_pose(row.machine.axes[body], side, row.axis[body], {}, {}).rotation.T @ along
+            arm = ca.cross(gravity_seen(row, carried, self.down), along)
             torque += ca.dot(ca.vertcat(*(self.parameter(row, f"{body}.{c}") for c in "xyz")), arm)
         row.add_reading(DriveForce.name, torque)
 
     def describe(self, campaign: Campaign, values: Values, covariance: Covariance) -> dict[str, Quantity]:
         """`amplitude`: of the weight moment about the axis of all that it carries, all later axes at zero; and each body's."""
-        axis, bodies = campaign.machine.axes[str(self.axis)], self._bodies(campaign.machine)
+        axis, bodies = self.its_axis(campaign), turned_bodies(campaign.machine, str(self.axis))
         across = np.eye(3) - np.outer(axis.direction, axis.direction)
         names = [f"{self.key}.{body}.{c}" for body in bodies for c in "xyz"]
 
-        def whole(p: np.ndarray[Any, np.dtype[np.float64]]) -> list[float]:
-            return [float(np.linalg.norm(across @ p.reshape(-1, 3).sum(axis=0)))]
+        def whole(p: Array) -> float:
+            return float(np.linalg.norm(across @ p.reshape(-1, 3).sum(axis=0)))
 
-        (size,), (std,) = propagate(whole, names, values, covariance)
-        return {"component": Quantity(f"torque of {self.axis}"), "amplitude": Quantity(float(size), float(std), "Nm"),
-                **super().describe(campaign, values, covariance)}  # fmt: skip
-
-
-def _along(direction: tuple[float, ...], down: tuple[float, float, float]) -> bool:
-    return bool(np.linalg.norm(np.cross(direction, down)) < 1e-6 * np.linalg.norm(down))
+        size = propagated(whole, names, "Nm", values, covariance)
+        own = super().describe(campaign, values, covariance)
+        return {"component": Quantity(f"torque of {self.axis}"), "amplitude": size, **own}

@@ -10,8 +10,8 @@ import casadi as ca
 import numpy as np
 
 from symfive.arrays import Array
-from symfive.effects._force import ForceEffect, later_axes, side_of, usual_force
-from symfive.effects._quantity import Covariance, Quantity, Values, propagate
+from symfive.effects._force import ForceEffect, side_of, turned_bodies, usual_force
+from symfive.effects._quantity import Covariance, Quantity, Values, propagated
 from symfive.errors import InputError
 from symfive.instruments.drive_force import DriveForce, FilteredMotion
 from symfive.kinematics import axis_pose
@@ -60,7 +60,7 @@ class LoadInertia(ForceEffect):
             raise InputError(f"{self.key}: no run records the drive force of {self.axis}", remedy="record drive_force")
         moved = tuple(axis for axis in self._chain(machine) if any(np.ptp(run.commands[axis]) > 0.0 for run in runs))
         turning = [axis for axis in moved if machine.axes[axis].rotary]
-        if not self._bodies(machine) or not set(turning) - {self.axis}:
+        if not turned_bodies(machine, str(self.axis)) or not set(turning) - {self.axis}:
             raise InputError(f"{self.key}: no other rotary axis of its chain moves", remedy="move one in the recording")
         prepared = replace(prepared, moved=moved, cut_off_hz=float(runs[0].options.get("low_pass_hz", 0.0)))
         if self.usual:
@@ -79,18 +79,14 @@ class LoadInertia(ForceEffect):
         side = side_of(machine, str(self.axis))
         return side[: max((n for n, name in enumerate(side) if machine.axes[name].rotary), default=-1) + 1]
 
-    def _bodies(self, machine: Machine) -> tuple[str, ...]:
-        own = str(self.axis)
-        return tuple(name for name in (own, *later_axes(machine, own)) if machine.axes[name].rotary)
-
     def _moments(self, machine: Machine) -> tuple[str, ...]:
         """Of a linear axis the moments of order 1 alone: turning masses shake it."""
         orders = (*FIRST, *SECOND) if machine.axes[str(self.axis)].rotary else FIRST
-        return tuple(f"{body}.{moment}" for body in self._bodies(machine) for moment in orders)
+        return tuple(f"{body}.{moment}" for body in turned_bodies(machine, str(self.axis)) for moment in orders)
 
     def _shares(self, machine: Machine) -> Array:
         """Usual sizes of the moments (n,) in units of those of order 2."""
-        origins = [np.array(machine.axes[name].origin) * 1e-3 for name in self._bodies(machine)]
+        origins = [np.array(machine.axes[name].origin) * 1e-3 for name in turned_bodies(machine, str(self.axis))]
         lever = max([LEVER, *(float(np.linalg.norm(a - b)) for a in origins for b in origins)])
         return np.array([1.0 / lever if name.rpartition(".")[2] in FIRST else 1.0 for name in self._moments(machine)])
 
@@ -123,7 +119,7 @@ class LoadInertia(ForceEffect):
         turn, at, mark = ca.DM.eye(3), ca.DM(3, 1), ca.DM(3, 1)
         spin, swing, push = ca.DM(3, 1), ca.DM(3, 1), ca.DM(3, 1)
         along, foot, found = ca.DM(3, 1), ca.DM(3, 1), []
-        sign, bodies = (-1.0 if side == "workpiece" else 1.0), self._bodies(machine)
+        sign, bodies = (-1.0 if side == "workpiece" else 1.0), turned_bodies(machine, str(self.axis))
         for name in self._chain(machine):
             axis = machine.axes[name]
             position, rate, change = (sign * part * (1.0 if axis.rotary else 1e-3) for part in motion[name])
@@ -169,12 +165,9 @@ class LoadInertia(ForceEffect):
     def describe(self, campaign: Campaign, values: Values, covariance: Covariance) -> dict[str, Quantity]:
         """`amplitude`: rms of what it adds to the force along the commanded motion."""
         names = [p.name for p in self.parameters(campaign)]
-        (size,), (std,) = propagate(lambda p: [float(np.linalg.norm(p))], names, values, covariance)
         quantity, unit = ("torque", "Nm") if self.its_axis(campaign).rotary else ("force", "N")
-        return {
-            "component": Quantity(f"{quantity} of {self.axis}"),
-            "amplitude": Quantity(float(size), float(std), unit),
-        }
+        size = propagated(lambda p: float(np.linalg.norm(p)), names, unit, values, covariance)
+        return {"component": Quantity(f"{quantity} of {self.axis}"), "amplitude": size}
 
 
 def _field(spin: Any, swing: Any) -> Any:

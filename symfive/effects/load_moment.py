@@ -11,7 +11,7 @@ import numpy as np
 from symfive.effects._base import Effect
 from symfive.effects._force import DOWN, carriers, gravity_seen, later_axes
 from symfive.effects._form import Form, Forms
-from symfive.effects._quantity import Covariance, Quantity, Values, propagate
+from symfive.effects._quantity import Covariance, Quantity, Values, propagated
 from symfive.errors import InputError
 from symfive.kinematics import axis_pose
 from symfive.parameters import Parameter
@@ -99,8 +99,6 @@ class LoadMoment(Effect):
     def describe(self, campaign: Campaign, values: Values, covariance: Covariance) -> dict[str, Quantity]:
         """`amplitude`: w of all loads together, µrad for 1 m of reach; and each load's."""
         names = [p.name for p in self.parameters(campaign) if f"{self.key}.w." in p.name]
-        (size,), (std,) = propagate(lambda p: [float(p.sum())], names, values, covariance)
-        return {
-            "component": Quantity(f"tilt of {self.axis}"), "amplitude": Quantity(float(size), float(std), "urad/m"),
-            **super().describe(campaign, values, covariance),
-        }  # fmt: skip
+        size = propagated(lambda p: float(p.sum()), names, "urad/m", values, covariance)
+        own = super().describe(campaign, values, covariance)
+        return {"component": Quantity(f"tilt of {self.axis}"), "amplitude": size, **own}

@@ -10,7 +10,7 @@ import numpy as np
 from symfive.arrays import Array
 from symfive.effects._base import Effect
 from symfive.effects._form import Forms
-from symfive.effects._quantity import Covariance, Quantity, Values, own_quantity, propagate
+from symfive.effects._quantity import Covariance, Quantity, Values, own_quantity, propagated
 from symfive.instruments import has_clock_of_its_own
 from symfive.motion import first_order, first_order_slope
 from symfive.parameters import Parameter
@@ -66,6 +66,6 @@ class SensorLowPass(Effect):
         delay = own_quantity(tau, values, covariance)
         found = {"delay_ms": delay, "time_constant_ms": delay}
         if values[tau.name] > 0.0:
-            cutoff, std = propagate(lambda x: 1e3 / (2.0 * math.pi * x), (tau.name,), values, covariance)
-            found["cutoff_hz"] = Quantity(float(cutoff[0]), float(std[0]), "Hz")
+            rate = propagated(lambda x: 1e3 / (2.0 * math.pi * x[0]), (tau.name,), "Hz", values, covariance)
+            found["cutoff_hz"] = rate
         return found

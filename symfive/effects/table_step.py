@@ -11,7 +11,7 @@ import numpy as np
 
 from symfive.effects._base import Effect
 from symfive.effects._form import AXIS, Form, Forms, Scan, moving
-from symfive.effects._quantity import Covariance, Quantity, Values, own_quantity, propagate
+from symfive.effects._quantity import Covariance, Quantity, Values, own_quantity, propagated
 from symfive.errors import InputError
 from symfive.motion import Position
 from symfive.parameters import Parameter
@@ -147,9 +147,9 @@ class TableStep(Effect):
         centres = [begin + (0.0 if self.shape == "dent" else 0.5 * length) for _, begin, length in ramps]
         spread = math.sqrt(sum(w * length**2 / 12.0 for w, (_, _, length) in zip(weights, ramps, strict=True)))
         names = [f"{self.key}.{name}" for name, *_ in ramps]
-        (total,), (std,) = propagate(lambda x: [float(x.sum())], names, values, covariance)
+        unit = self.parameters(campaign)[0].unit
         return {
             **found,
             "at": Quantity(float(weights @ centres), spread, axis.unit),
-            "height": Quantity(float(total), float(std), self.parameters(campaign)[0].unit),
+            "height": propagated(lambda x: float(x.sum()), names, unit, values, covariance),
         }

@@ -12,7 +12,7 @@ import numpy as np
 from symfive.arrays import Array
 from symfive.effects._base import Effect
 from symfive.effects._form import TOOL, Form, Forms, Scan
-from symfive.effects._quantity import Covariance, Quantity, Values, length_and_direction, own_quantity, propagate
+from symfive.effects._quantity import Covariance, Quantity, Values, length_and_direction, own_quantity, propagated
 from symfive.errors import InputError
 from symfive.parameters import Parameter
 from symfive.row import Row
@@ -132,12 +132,11 @@ class ThermalDrift(Effect):
         the first part of the rise was seen."""
         end, names = self.clock_span(campaign), [p.name for p in self.parameters(campaign)]
 
-        def length(p: Array) -> list[float]:
+        def length(p: Array) -> float:
             if self.shape == "linear":
-                return [float(np.linalg.norm(p[:3])) * end / 3600.0]
+                return float(np.linalg.norm(p[:3])) * end / 3600.0
             lasts = max(end - p[4], 0.0) if self.shape == "delayed" else end
             bodies = [p[k : k + 3] * (1.0 - np.exp(-lasts / p[k + 3])) for k in range(0, len(p) - 1, 4)]
-            return [float(np.linalg.norm(sum(bodies)))]
+            return float(np.linalg.norm(sum(bodies)))
 
-        value, std = propagate(length, names, values, covariance)
-        return Quantity(float(value[0]), float(std[0]), "um")
+        return propagated(length, names, "um", values, covariance)

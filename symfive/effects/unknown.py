@@ -28,7 +28,7 @@ from symfive.effects._coordinates import (
 )
 from symfive.effects._force import FORCE_SHARE, usual_force
 from symfive.effects._form import Forms
-from symfive.effects._quantity import Covariance, Quantity, Values, known_part, propagate
+from symfive.effects._quantity import Covariance, Quantity, Values, known_part, propagate, propagated
 from symfive.effects._unidentified_forms import share_of, unidentified_forms
 from symfive.errors import InputError
 from symfive.instruments.drive_force import DriveForce, driven_axis
@@ -322,11 +322,10 @@ class Unknown(Effect):
         def shape(p: Array) -> Array:
             return np.asarray(matrix @ p.reshape(-1, len(basis.names)).T)
 
-        def rms(p: Array) -> list[float]:
-            return [float(np.sqrt(np.mean(np.sum(shape(p) ** 2, axis=1))))]
+        def rms(p: Array) -> float:
+            return float(np.sqrt(np.mean(np.sum(shape(p) ** 2, axis=1))))
 
-        (value,), (std,) = propagate(rms, names, *known_part(amplitudes, values, covariance))
-        size = Quantity(float(value), float(std), amplitudes[0].unit)
+        size = propagated(rms, names, amplitudes[0].unit, *known_part(amplitudes, values, covariance))
         found = {"over": Quantity(self.over), "rms": size}
         if self.period:
             at = f"{self.key}.period"
