@@ -118,8 +118,8 @@ class Seated:
             refused[tuple(np.array(list(self._blocked)).T)] = True
             graph.data[refused[graph.nonzero()]] = 0.0  # of straight moves that were refused some are no edges
             graph.eliminate_zeros()
-        into = graph[[last]].tocoo()  # the edges of the last node, the same both ways
-        nodes = into.coords[1]
+        into = graph[:, [last]].tocoo()  # between opposite bars the way there may be clear and the way back not
+        nodes = into.coords[0]
         graph[nodes, last] = 0.0  # nothing leads through it
         graph.eliminate_zeros()
         reached, before = dijkstra(graph, indices=first, return_predecessors=True)
