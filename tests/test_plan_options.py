@@ -267,3 +267,24 @@ def test_an_option_that_does_nothing_or_harm_is_refused(
 ) -> None:
     assert main(["plan", "table-bc", "-o", str(tmp_path / "p"), *options]) == 2
     assert unused in capsys.readouterr().err and not (tmp_path / "p").exists()
+
+
+@pytest.mark.parametrize("name", ["J5", "W"])
+def test_axes_without_an_address_have_a_plan_and_no_programs(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A rotary axis called W would be driven in mm/min. Programs that are asked for are refused before any search."""
+    text = Path("designs/machines/table-bc.toml").read_text().partition("[errors]")
+    axes = (
+        text[0].replace("C'", f"{name}'").replace("[axes.C]", f'[axes.{name}]\nkind = "rotary"\ndirection = [0, 0, 1]')
+    )
+    errors = f"[errors]\nEX0{name} = {{ sigma = 50.0 }}\n"
+    (tmp_path / "odd.toml").write_text(axes + errors + text[2][text[2].index("[workspace]") :])
+    asked = ["plan", str(tmp_path / "odd.toml"), "--points", "4", "--starts", "1", "--no-proof", "-o"]
+    assert main([*asked, str(tmp_path / "refused"), "--nc", "iso"]) == 2
+    said = capsys.readouterr().err
+    assert f"axis {name} has no NC address; name rotary axes by A, B, C" in said and "criterion" not in said
+    assert not (tmp_path / "refused").exists()
+    assert main([*asked, str(tmp_path / "plan")]) == 0
+    assert f"note: no programs: axis {name}" in capsys.readouterr().err
+    assert (tmp_path / "plan" / "setup.html").is_file() and not (tmp_path / "plan" / "nc").exists()

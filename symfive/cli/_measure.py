@@ -22,6 +22,7 @@ from symfive.cli._common import (
     dialects,
     dialects_of,
     gathered,
+    noted,
     output_path,
     overwrite,
     quiet,
@@ -280,11 +281,18 @@ def plan(
     from symfive.design import plan as make_plan
     from symfive.executors import executor
     from symfive.given import machine_given
-    from symfive.nc import Post, can_probe
+    from symfive.nc import Post, can_probe, check_addresses
 
     dialects = dialects_of(nc)
     with output_folder(output, overwrite=overwrite) as folder:
         data = machine_given(machine)
+        try:
+            check_addresses(data)
+        except InputError as error:
+            if nc:
+                raise
+            noted([f"no programs: {error}"], quiet)
+            dialects = ()
         post = Post(**{**programs, "reversed_axes": rotary_of(data, programs["reversed_axes"])})
         instruments = names_in(poses["instrument"])
         refuse_unused(click.get_current_context(), instruments)

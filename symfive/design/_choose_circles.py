@@ -9,7 +9,7 @@ from symfive.design._circles import Circle, Goal
 from symfive.errors import InputError
 from symfive.machine import Machine
 from symfive.moves import cleared
-from symfive.nc import LETTERS
+from symfive.nc import addressed
 
 __all__ = ["check_clear", "chosen_clear"]
 
@@ -17,7 +17,7 @@ __all__ = ["check_clear", "chosen_clear"]
 def check_clear(machine: Machine, runs: Iterable[Run]) -> None:
     """Raises `InputError` where something meets along the programs of these runs; a machine whose axes have no NC address gets
     none."""
-    if set(machine.axis_names) <= set(LETTERS):
+    if addressed(machine):
         cleared(machine, runs, {})
 
 

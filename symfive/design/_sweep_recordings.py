@@ -15,7 +15,7 @@ from symfive.design._sweep_search import Grid, best_way, draw, grid_of, position
 from symfive.design._sweeps import Sweep, Sweeps
 from symfive.errors import InputError
 from symfive.moves import Moves
-from symfive.nc import LETTERS
+from symfive.nc import addressed
 
 __all__ = ["Recording", "best_speed"]
 
@@ -77,7 +77,7 @@ def _weighed(goal: Goal, offered: Sequence[Sweep], seconds: float) -> tuple[Arra
 
 def _ends(sweeps: Sweeps, positions: Array) -> Flags:
     """Positions (n,) with an exit path, in which the instrument can be mounted."""
-    if not set(sweeps.machine.axis_names) <= set(LETTERS):
+    if not addressed(sweeps.machine):
         return np.ones(len(positions), dtype=bool)
     return np.array([not what for what in Reach(sweeps.space).in_the_way(*sweeps.poses(positions))])
 

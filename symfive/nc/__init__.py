@@ -26,10 +26,17 @@ from symfive.nc._route import (
     upright_axis,
 )
 from symfive.nc._seat import Seat
-from symfive.nc._steps import arrival_times, outside_s, program_steps, series_of, series_steps
+from symfive.nc._steps import (
+    addressed,
+    arrival_times,
+    check_addresses,
+    outside_s,
+    program_steps,
+    series_of,
+    series_steps,
+)
 from symfive.nc._touch import Probing, touch_reach
 from symfive.nc._warning import UNCHECKED, collision_warning, which_point
-from symfive.nc._writer import LETTERS
 from symfive.nc.heidenhain import HEIDENHAIN
 from symfive.nc.iso import ISO
 from symfive.nc.linuxcnc import LINUXCNC
@@ -37,10 +44,10 @@ from symfive.nc.siemens import SIEMENS
 from symfive.outputs import write_text
 
 __all__ = [
-    "CAUTION", "DIALECTS", "LETTERS", "UNCHECKED", "Dialect", "Positions", "Post", "Probing", "Seat", "Step", "Way", "able",
-    "arrival_times", "at_the_top", "can_probe", "collision_warning", "dialect_of", "lifts", "one_by_one", "out_to_the_top",
-    "outside_s", "over_the_top", "pace", "program", "program_steps", "series_of", "top_of", "touch_reach", "turned_home",
-    "upright_axis", "which_point", "write_programs",
+    "CAUTION", "DIALECTS", "UNCHECKED", "Dialect", "Positions", "Post", "Probing", "Seat", "Step", "Way", "able", "addressed",
+    "arrival_times", "at_the_top", "can_probe", "check_addresses", "collision_warning", "dialect_of", "lifts", "one_by_one",
+    "out_to_the_top", "outside_s", "over_the_top", "pace", "program", "program_steps", "series_of", "top_of", "touch_reach",
+    "turned_home", "upright_axis", "which_point", "write_programs",
 ]  # fmt: skip
 
 DIALECTS: dict[str, Dialect] = {dialect.name: dialect for dialect in (ISO, SIEMENS, HEIDENHAIN, LINUXCNC)}
