@@ -80,6 +80,5 @@ SIEMENS = Dialect(
     comment="; {text}",
     datum="G54 calls the datum, D0: no tool offset",
     tool_centre=("T{tool} D1\nTRAORI", "TRAFOOF\nD0"),
-    word=lambda axis, value: f"{axis}={value:.5f}" if len(axis) > 1 else f"{axis}{value:.5f}",
     cycle=CYCLE,
 )
