@@ -138,13 +138,14 @@ class Seated:
 
     @cached_property
     def _nodes(self) -> tuple[Array, Array]:
-        """Variables and constants of the poses and, behind them, of positions within all limits: beside every pose in each
+        """Variables and constants of the poses and, behind them, of positions within all limits: beside every different pose in each
         direction of the rotary axes, so that it can be reached from any side, and on a grid."""
         axes = self.space.machine.axes
         rotary = sum(axis.rotary for axis in axes.values())
         steps = np.array(list(itertools.product((0.0, -1.0, 1.0), repeat=rotary)))[1:] * np.radians(BESIDE_DEG)
-        beside = np.repeat(self.z[:, : self.space.poses], len(steps), axis=0)
-        beside[:, :rotary] += np.tile(steps, (self.count, 1))
+        different = np.unique(self.z[:, : self.space.poses], axis=0)
+        beside = np.repeat(different, len(steps), axis=0)
+        beside[:, :rotary] += np.tile(steps, (len(different), 1))
         poses = on_grid(self.space, np.concatenate([beside, pose_grid(self.space, PLACES)]))
         setup = np.broadcast_to(self.z[0, self.space.poses :], (len(poses), self.z.shape[1] - self.space.poses))
         z, k = np.hstack([poses, setup]), np.repeat(self.k[:1], len(poses), axis=0)
