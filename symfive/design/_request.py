@@ -20,7 +20,8 @@ from symfive.optimal import Criterion, Task, criterion_of
 from symfive.validation import at_most, positive
 
 __all__ = [
-    "Request", "check_counts", "check_minutes", "check_robust", "interest_of", "refuse_unseen", "task_of", "with_bars",
+    "Request", "check_counts", "check_minutes", "check_robust", "interest_of", "refuse_unseen", "task_of", "usual_setups",
+    "with_bars",
 ]  # fmt: skip
 
 SEEN = 0.5
@@ -90,8 +91,13 @@ class Request:
     @property
     def shares(self) -> list[tuple[int, int]]:
         """Numbers of poses and of runs that fit into the time, for every number of runs. Raises `InputError` for none."""
-        runs = self.setups or (3 if self.instrument == "ball_bar" else 2)
+        runs = self.setups or usual_setups(self.instrument)
         return affordable(self.machine, self.minutes, self.points, runs, self.returns, self.repeats)
+
+
+def usual_setups(instrument: str) -> int:
+    """So many mountings at most where nobody says how many."""
+    return 3 if instrument == "ball_bar" else 2
 
 
 def check_minutes(minutes: float | None) -> None:

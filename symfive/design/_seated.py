@@ -138,8 +138,8 @@ class Seated:
 
     @cached_property
     def _nodes(self) -> tuple[Array, Array]:
-        """Variables and constants of the poses and, behind them, of positions within all limits: beside every different pose in each
-        direction of the rotary axes, so that it can be reached from any side, and on a grid."""
+        """Variables and constants of the poses and, behind them, of positions within all limits: beside every different pose in
+        each direction of the rotary axes, so that it can be reached from any side, and on a grid."""
         axes = self.space.machine.axes
         rotary = sum(axis.rotary for axis in axes.values())
         steps = np.array(list(itertools.product((0.0, -1.0, 1.0), repeat=rotary)))[1:] * np.radians(BESIDE_DEG)
