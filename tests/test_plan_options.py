@@ -173,7 +173,7 @@ def test_options_of_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixtu
     (run,) = campaign.runs
     assert run.length in (120.0, 200.0) and run.noise_um == 0.5 and run.rows == 2 * 9
     assert tuple(campaign.machine.workspace.bar_lengths) == (120.0, 200.0)
-    text = (tmp_path / "plan" / "nc" / "siemens" / f"{run.id}.mpf").read_text()
+    text = (tmp_path / "plan" / "nc" / "siemens" / "NEST_1.mpf").read_text()
     code = "\n".join(line for line in text.split("\n") if not line.startswith(";"))
     assert code.index("TRAFOOF") < code.index("G0 ") < code.index("TRAORI") < code.rindex("TRAFOOF")
     quick = [
@@ -238,7 +238,9 @@ def test_circles_on_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert main(["plan", str(tmp_path / "machine.toml"), "-o", str(tmp_path / "plan"), *words]) == 0
     assert "backlash.X.width" in capsys.readouterr().out
     programs = {path.stem for path in (tmp_path / "plan" / "nc" / "linuxcnc").glob("*.ngc")}
-    assert len(programs) == 3 and any("+" in name for name in programs)  # one a direction, and both with the bar on
+    assert len(programs) == 3 and any(
+        n.endswith("-and-1-more") for n in programs
+    )  # one a direction, both with the bar on
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ from symfive.design._schedule import SETUP_S
 from symfive.drawing import PAGE_STYLE, SCRIPT, poses_figure, templates
 from symfive.instruments import instruments_of, mounted
 from symfive.machine import Machine
-from symfive.nc import UNCHECKED, Post, addressed, collision_warning, series_of, upright_axis, which_point
+from symfive.nc import UNCHECKED, Post, addressed, collision_warning, series_name, series_of, upright_axis, which_point
 from symfive.numbers import plain_number, unit_words
 from symfive.procedures import PAUSE_S, Nominal
 
@@ -130,8 +130,9 @@ def _steps(sheet: Sheet, run: Run, stands: str) -> list[str]:
         return steps
     for series in series_of(machine, sheet.campaign.runs):
         if run in series:
-            names = "+".join(r.id for r in series)
-            steps.append(f"Or the program {names}: the {len(series)} circles of this mounting, the bar stays mounted.")
+            steps.append(
+                f"Or the program {series_name(series)}: the {len(series)} circles of this mounting, the bar stays mounted."
+            )
     return steps + _moves(machine, sheet.post)
 
 

@@ -90,6 +90,7 @@ class Dialect:
     `inverse_time`: whether the control has G93, where F is 1/minutes of the block. Without it F is mm/min of the linear
     axes (degree/min where none moves) and the time stands in a comment: what F means with rotary axes in the block
     depends on the control's parameters.
+    `file`: from the name of a run or a series to the name that the control takes for a file.
     `cycle`: how the control probes; None where it is not known, then it takes no programs of a touch probe.
     """
 
@@ -118,6 +119,7 @@ class Dialect:
     decimals: int = 5
     digits: int = 15
     word: str = "{axis}{value:.{decimals}f}"
+    file: Callable[[str], str] = str
     verified: str = "not verified on a control"
     cycle: Cycle | None = None
 

@@ -71,6 +71,11 @@ def _goes_on(machine: Machine, before: Run, run: Run) -> bool:
     return all(abs(there[name] - here[name]) < STANDSTILL for name in here)
 
 
+def series_name(runs: Sequence[Run]) -> str:
+    """The name of the program of a series: no control takes those of all runs."""
+    return f"{runs[0].id}-and-{len(runs) - 1}-more"
+
+
 def series_steps(machine: Machine, runs: Sequence[Run], post: Post | None = None) -> list[Step]:
     """The steps of one program for all circles of a series: a stop between two of them at which the instrument's software is made
     ready, the bar stays on. Its moves are those of the runs' own programs."""
