@@ -43,7 +43,7 @@ def _mountings(seed: int, places: int) -> list[Mounting]:
 
 def _mixes(mountings: list[Mounting], criterion: str) -> Mixes:
     measure = criterion_of(criterion, SHARED, np.zeros((0, 3, SHARED)))
-    return Mixes(Task(measure, np.eye(SHARED), np.ones(OWN), np.arange(SHARED)), mountings, MINUTES, PACE)
+    return Mixes(Task(measure, np.eye(SHARED), np.ones(OWN), np.arange(SHARED)), mountings, MINUTES, PACE, 9)
 
 
 def _size(runs: Sequence[tuple[Mounting, np.ndarray]], criterion: str) -> float:
@@ -153,6 +153,31 @@ def test_an_instrument_that_gains_nothing_is_left_out() -> None:
     assert [part.instrument for part in made.parts] == ["r_test"]
     assert made.minutes <= 10.0
     assert any(note.startswith("ball bar not used") for note in made.notes)
+
+
+def test_a_day_has_few_mountings_and_no_idle_readings() -> None:
+    """276 mountings would fit, of two instruments in 38,000 mixes, and beside few of them 14,000 poses."""
+    said: list[str] = []
+    options = {"minutes": 1440.0, "certify": False, "starts": 1, "returns": 0}
+    made = plan_together(LEAN, ("r_test", "ball_bar"), setups=2, progress=said.append, **options)
+    assert 1 <= len(made.campaign.runs) <= 2
+    assert said and all(word in said[0] for word in ("dividing the minutes", "ψ"))
+    fewer = plan_together(LEAN, ("r_test", "ball_bar"), setups=1, **options)
+    assert len(fewer.campaign.runs) == 1 and _mean_variance(made.campaign) < _mean_variance(fewer.campaign)
+    assert made.campaign.rows < 1000
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_enough_poses_are_those_within_a_hundredth(seed: int) -> None:
+    mixes = _mixes(_mountings(seed, 2), "A")
+    mix = mixes.reached(("a", "b"))
+    share = mixes.enough(mix)
+
+    def size(part: float) -> float:
+        return _size([(m, part * w) for m, w in zip(mix.mountings, mix.weights, strict=True)], "A")
+
+    assert size(share) <= size(1.0) + GAP and 0.0 < share < 1.0
+    assert size(share - 2.0 * GAP) > size(1.0) + GAP
 
 
 def test_an_earlier_campaign_counts() -> None:

@@ -53,6 +53,20 @@ def test_a_rebuilt_index_equals_the_lost_one(world):
         assert [e.text for e in history.events("plant")] == ["new spindle"]
 
 
+def test_who_may_not_write_may_read(world, monkeypatch):
+    def files() -> dict[str, bytes]:
+        return {path.name: path.read_bytes() for path in (world / "history").iterdir()}
+
+    monkeypatch.setattr("os.access", lambda path, mode, **_: mode != os.W_OK)  # root may always write
+    before = files()
+    with History(world / "history") as history:
+        assert [v.date for v in history.visits("plant")] == list(DATES)
+        assert "plant" in history.machine_page("plant") and "plant" in history.fleet_page()
+        with pytest.raises(InputError, match=r"cannot be written.*rights"):
+            history.event("plant", "new spindle", kind="repair")
+        assert files() == before
+
+
 def test_what_is_said_is_kept_in_the_record_and_can_be_amended(world):
     folder = world / "results" / "r1"
     record = read_record(folder)

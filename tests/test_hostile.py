@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import random
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -135,6 +136,19 @@ def test_a_model_whose_covariance_is_none(here, damage):
     damage(data["covariance"]["matrix"])
     (here / "bad.json").write_text(json.dumps(data))
     with pytest.raises(InputError, match="its covariance is not one of its parameters"):
+        read_model(here / "bad.json")
+
+
+@pytest.mark.parametrize("name", ["EX0Q", "EY0C", "EXC.cos9", "backlash.C.width", "nonsense"])
+def test_a_model_with_a_parameter_that_nothing_has(here, name):
+    """Predictions and corrections would leave it out without a word."""
+    machine = replace(MEASURED.machine, errors={k: e for k, e in MEASURED.machine.errors.items() if k != "EY0C"})
+    write_model(fitted_model(identify(replace(MEASURED, machine=machine))), here / "model.json")
+    assert read_model(here / "model.json").names
+    data = json.loads((here / "model.json").read_text())
+    data["parameters"][name] = {"value": 1.0, "std": 0.1, "unit": "um"}
+    (here / "bad.json").write_text(json.dumps(data))
+    with pytest.raises(InputError, match=f"bad.json: parameter .*{name}.* belongs to no error"):
         read_model(here / "bad.json")
 
 

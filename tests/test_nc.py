@@ -208,6 +208,23 @@ def test_tool_centre_control_is_switched_by_the_users_text() -> None:
     assert len(inside) == run.rows  # the control follows the ball itself: one block a pose
 
 
+def test_no_number_has_more_digits_than_the_control_reads() -> None:
+    """A Fanuc refuses X1063.42240: nine digits."""
+    machine = preset("table-bc")
+    far = {name: replace(axis, travel=(-5000.0, 5000.0)) for name, axis in machine.axes.items()}
+    wide = replace(machine, axes=far)
+    for run in (planar_circle(wide, plane="XY", feed=1000.0, rate_hz=5.0)[0], r_test_grid(wide)[0]):
+        shift = {"X": 1234.567895, "C": 1080.0}
+        moved = replace(run, commands={n: q + shift.get(n, 0.0) for n, q in run.commands.items()}, readings={})
+        text = program(wide, moved, "iso")
+        blocks = re.findall(r"^G[0-3] .*$", text, re.MULTILINE)
+        numbers = re.findall(r"[A-Z](-?[0-9.]+)", "".join(blocks))
+        assert max(len(n.replace(".", "").lstrip("-")) for n in numbers) == 8
+        written = np.array([float(x) for x in re.findall(r" X(\S+)", "".join(blocks))])
+        ends = moved.commands["X"] if not run.dynamic else moved.commands["X"][[0, -1]]
+        assert written.max() > 1000.0 and np.abs(ends[:, None] - written).min(axis=1).max() < 6e-5
+
+
 def test_names_that_are_no_address() -> None:
     odd = replace(RUNS[2][0], name="brackets (and) 100 % ; {name}")
     assert "{" not in program(odd, RUNS[2][1], "iso")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from pathlib import Path
 
@@ -30,13 +31,21 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.slow
 def test_one_program_drives_both_directions_and_feeds_with_the_bar_on(folder: Path) -> None:
     for dialect in DIALECTS:
-        series = [*(folder / "nc" / dialect).glob(f"*+*{WORDS[dialect].suffix}")]
+        series = [*(folder / "nc" / dialect).glob(f"*[dD][-_]3[-_]*{WORDS[dialect].suffix}")]
         assert len(series) == 2
         for path in series:
             text = path.read_text()
             assert text.count("MOUNT BAR") == text.count("REMOVE BAR") == 1
             assert [text.count(f"THEN {said}") for said in ("CW F500", "CCW F2000", "CW F2000")] == [1, 1, 1]
     assert "the 4 circles of this mounting, the bar stays mounted" in (folder / "setup.html").read_text()
+
+
+def test_every_control_takes_the_names_of_its_files(folder: Path) -> None:
+    """Siemens: letters, digits and _, beginning with two letters, at most 24 characters. Heidenhain: no +."""
+    names = {dialect: [path.stem for path in (folder / "nc" / dialect).iterdir()] for dialect in DIALECTS}
+    assert len({len(found) for found in names.values()}) == 1
+    assert all(re.fullmatch("[A-Z]{2}[A-Z0-9_]{0,22}", name) for name in names["siemens"])
+    assert all(re.fullmatch("[A-Za-z0-9._-]{1,24}", name) for name in names["heidenhain"])
 
 
 def test_the_checker_reads_the_arcs_of_every_dialect(folder: Path) -> None:
@@ -47,7 +56,7 @@ def test_the_checker_reads_the_arcs_of_every_dialect(folder: Path) -> None:
 def test_the_checker_finds_a_wrong_arc_in_every_dialect(folder: Path, dialect: str, tmp_path: Path) -> None:
     right, wrong, said = WORDS[dialect].spoiled
     mine = Path(shutil.copytree(folder, tmp_path / "test", ignore=shutil.ignore_patterns(*set(DIALECTS) - {dialect})))
-    (path,) = (mine / "nc" / dialect).glob("xy-*+*")
+    (path,) = (mine / "nc" / dialect).glob("[xX][yY]*[dD][-_]3[-_]*")
     text = path.read_text()
     assert right in text
     path.write_text(text.replace(right, wrong, 1))
@@ -90,7 +99,7 @@ def test_the_command_line_plans_arcs_of_220_degrees_at_two_feeds(
     assert main(["plan", "three-axis", "-o", str(tmp_path / "plan"), *options, "--nc", "heidenhain"]) == 0
     said = capsys.readouterr().out
     assert "4 recordings" in said and "partial arcs, not a circular test by ISO 230-4, which has 360°" in said
-    text = next((tmp_path / "plan/nc/heidenhain").glob("*+*")).read_text()
+    text = next((tmp_path / "plan/nc/heidenhain").glob("*-and-*")).read_text()
     assert text.count("CP IPA+224.0000 DR+") == text.count("CP IPA-224.0000 DR-") == 2
     assert not check(tmp_path / "plan")
 

@@ -173,7 +173,7 @@ def test_options_of_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixtu
     (run,) = campaign.runs
     assert run.length in (120.0, 200.0) and run.noise_um == 0.5 and run.rows == 2 * 9
     assert tuple(campaign.machine.workspace.bar_lengths) == (120.0, 200.0)
-    text = (tmp_path / "plan" / "nc" / "siemens" / f"{run.id}.mpf").read_text()
+    text = (tmp_path / "plan" / "nc" / "siemens" / "NEST_1.mpf").read_text()
     code = "\n".join(line for line in text.split("\n") if not line.startswith(";"))
     assert code.index("TRAFOOF") < code.index("G0 ") < code.index("TRAORI") < code.rindex("TRAFOOF")
     quick = [
@@ -238,7 +238,9 @@ def test_circles_on_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert main(["plan", str(tmp_path / "machine.toml"), "-o", str(tmp_path / "plan"), *words]) == 0
     assert "backlash.X.width" in capsys.readouterr().out
     programs = {path.stem for path in (tmp_path / "plan" / "nc" / "linuxcnc").glob("*.ngc")}
-    assert len(programs) == 3 and any("+" in name for name in programs)  # one a direction, and both with the bar on
+    assert len(programs) == 3 and any(
+        n.endswith("-and-1-more") for n in programs
+    )  # one a direction, both with the bar on
 
 
 @pytest.mark.parametrize(
@@ -267,3 +269,24 @@ def test_an_option_that_does_nothing_or_harm_is_refused(
 ) -> None:
     assert main(["plan", "table-bc", "-o", str(tmp_path / "p"), *options]) == 2
     assert unused in capsys.readouterr().err and not (tmp_path / "p").exists()
+
+
+@pytest.mark.parametrize("name", ["J5", "W"])
+def test_axes_without_an_address_have_a_plan_and_no_programs(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A rotary axis called W would be driven in mm/min. Programs that are asked for are refused before any search."""
+    text = Path("designs/machines/table-bc.toml").read_text().partition("[errors]")
+    axes = (
+        text[0].replace("C'", f"{name}'").replace("[axes.C]", f'[axes.{name}]\nkind = "rotary"\ndirection = [0, 0, 1]')
+    )
+    errors = f"[errors]\nEX0{name} = {{ sigma = 50.0 }}\n"
+    (tmp_path / "odd.toml").write_text(axes + errors + text[2][text[2].index("[workspace]") :])
+    asked = ["plan", str(tmp_path / "odd.toml"), "--points", "4", "--starts", "1", "--no-proof", "-o"]
+    assert main([*asked, str(tmp_path / "refused"), "--nc", "iso"]) == 2
+    said = capsys.readouterr().err
+    assert f"axis {name} has no NC address; name rotary axes by A, B, C" in said and "criterion" not in said
+    assert not (tmp_path / "refused").exists()
+    assert main([*asked, str(tmp_path / "plan")]) == 0
+    assert f"note: no programs: axis {name}" in capsys.readouterr().err
+    assert (tmp_path / "plan" / "setup.html").is_file() and not (tmp_path / "plan" / "nc").exists()

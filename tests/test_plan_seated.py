@@ -109,6 +109,24 @@ def test_what_the_exact_bodies_refuse_is_not_tried_again() -> None:
     assert seated.via(0, 1, sides, lambda moves: [False] * len(moves)) is None
 
 
+def test_a_move_that_is_clear_one_way_only_is_taken_that_way() -> None:
+    """Opposite bars have no shorter arc between them: the one that is driven there is another than the one back."""
+    space = make_space(preset("table-bc"), "ball_bar")
+    z = np.array([[0.1, 0.1, a, 0.5, 0.5, 0.0, 0.5, 1.5] for a in (0.0, 0.5, 1.0)])
+    seated = Seated(space, z, np.full((3, 1), 100.0))
+    seated.direct[:] = np.triu(np.ones((3, 3), dtype=bool))
+    seated.direct[0, 2] = False
+    asked: list[tuple[float, ...]] = []
+
+    def only_there(moves: Sequence[tuple[Positions, Positions]]) -> list[bool]:
+        asked.extend(tuple(move[1].values()) for move in moves)
+        return [True] * len(moves)
+
+    assert seated.via(2, 0, np.ones(2), only_there) is not None
+    one = tuple(float(q[1]) for q in seated.commands.values())
+    assert one not in asked  # back from 2 to 1 nothing is clear
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", presets())
 def test_a_bar_comes_off_at_most_once_a_run(name: str) -> None:

@@ -73,7 +73,7 @@ def close_the_loop(
     post = Post(machine_top=top_of(machine))
     test.write(folder / "plan", nc=("linuxcnc",), post=post)
     runs = test.campaign.runs
-    (program,) = (folder / "plan" / "nc" / "linuxcnc").glob("*+*.ngc")
+    (program,) = (folder / "plan" / "nc" / "linuxcnc").glob("*-and-*.ngc")
     say(f"1 {machine.name}: {len(runs)} circles, radius {RADIUS:g} mm, {FEED:g} mm/min, in one program")
     with Controller.of(machine) as control:
         say("2 LinuxCNC drives it")

@@ -22,6 +22,7 @@ from symfive.cli._common import (
     dialects,
     dialects_of,
     gathered,
+    noted,
     output_path,
     overwrite,
     quiet,
@@ -116,7 +117,7 @@ def check(path: Path, as_json: bool, quiet: bool) -> None:
 )
 @click.option("--minutes", type=POSITIVE, help="Time budget in minutes, set-up included.")
 @click.option("--per-minute", is_flag=True, help="The poses with most information per minute.")
-@click.option("--setups", type=COUNT, help="Most positions of nest or balls.")
+@click.option("--setups", type=COUNT, help="Most positions of nest or balls; of all instruments together.")
 @click.option("--bar", "bars", type=POSITIVE, multiple=True, help="Length in mm of a bar you own; may be repeated.")
 @click.option("--repeats", type=COUNT, default=1, help="Readings of each pose.")
 @click.option("--returns", type=COUNT, default=2, help="Visits back to the first pose of a run, against drift.")
@@ -280,11 +281,18 @@ def plan(
     from symfive.design import plan as make_plan
     from symfive.executors import executor
     from symfive.given import machine_given
-    from symfive.nc import Post, can_probe
+    from symfive.nc import Post, can_probe, check_addresses
 
     dialects = dialects_of(nc)
     with output_folder(output, overwrite=overwrite) as folder:
         data = machine_given(machine)
+        try:
+            check_addresses(data)
+        except InputError as error:
+            if nc:
+                raise
+            noted([f"no programs: {error}"], quiet)
+            dialects = ()
         post = Post(**{**programs, "reversed_axes": rotary_of(data, programs["reversed_axes"])})
         instruments = names_in(poses["instrument"])
         refuse_unused(click.get_current_context(), instruments)
@@ -320,8 +328,8 @@ def plan(
                 result = plan_together(
                     data, instruments, minutes=poses["minutes"], criterion=criterion or "A", for_=names,
                     given=None if given is None else read(given, quiet), noise_um=noise_um, setup_sigma=setup_sigma_of(sigmas),
-                    returns=poses["returns"], starts=poses["starts"], certify=not no_proof, seed=poses["seed"], pool=pool,
-                    progress=Progress(quiet),
+                    setups=poses["setups"], returns=poses["returns"], starts=poses["starts"], certify=not no_proof,
+                    seed=poses["seed"], pool=pool, progress=Progress(quiet),
                 )  # fmt: skip
         else:
             with executor(workers, scheduler) as pool:

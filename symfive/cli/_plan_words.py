@@ -29,7 +29,7 @@ USED = {
         *CHOSEN, *SEARCHED, "points", "until", "per_minute", "setups", "bars", "repeats", "index", "survive", "robust", "frame",
         "part",
     ),
-    "a plan with several instruments": (*CHOSEN, *SEARCHED),
+    "a plan with several instruments": (*CHOSEN, *SEARCHED, "setups"),
     "a plan in motion": (*CHOSEN, *SLOW_NOISE, "in_motion", "setups", "bars", "speeds"),
     "a circular test": (*SLOW_NOISE, "circles", "planes", "feeds", "sweep", "bars"),
     "a plan of circles": (

@@ -19,7 +19,7 @@ from symfive.errors import InputError
 from symfive.machine import Machine
 from symfive.model import Model
 from symfive.moves import cleared
-from symfive.nc import LETTERS
+from symfive.nc import addressed
 from symfive.optimal import Criterion, inverse, marginal
 from symfive.procedures import heights, planar_circle, synchronous_circle
 
@@ -238,7 +238,7 @@ class Goal:
 def check_clear(machine: Machine, runs: Iterable[Run]) -> None:
     """Raises `InputError` where something meets along the programs of these runs; a machine whose axes have no NC address gets
     none."""
-    if set(machine.axis_names) <= set(LETTERS):
+    if addressed(machine):
         cleared(machine, runs, {})
 
 

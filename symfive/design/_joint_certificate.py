@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,11 +15,12 @@ from symfive.design._assessment_data import six_digits
 from symfive.design._minutes import Mixes
 from symfive.design._mountings import BAR, Mounting, mounting_of, mountings_of, with_circles
 from symfive.design._plan import Plan
-from symfive.design._request import interest_of, task_of
+from symfive.design._request import interest_of, task_of, usual_setups
 from symfive.design._space import Space, make_space
 from symfive.errors import InputError
 from symfive.machine import Machine
 from symfive.optimal import Task
+from symfive.screen import plural
 from symfive.threads import one_thread
 
 INSTRUMENTS = ("r_test", "ball_bar", "touch_probe")
@@ -29,9 +30,9 @@ WORDS = {"r_test": "R-test", "ball_bar": "ball bar (poses and circles)", "touch_
 
 @dataclass(frozen=True)
 class JointCertificate:
-    """`efficiency` of a plan: at least this share of the best that any mountings of `instruments` in as many `minutes` can do
-    (in variance, per parameter); `value` ψ of the plan, `bound` the lowest ψ there is; `gain` at most so many times lower is the
-    variance than with the relaxed design of the best single instrument; over so many `candidates`."""
+    """`efficiency` of a plan: at least this share of the best that at most so many `mountings` of `instruments` in as many
+    `minutes` can do (in variance, per parameter); `value` ψ of the plan, `bound` the lowest ψ there is; `gain` at most so many
+    times lower is the variance than with the relaxed design of the best single instrument; over so many `candidates`."""
 
     efficiency: float
     value: float
@@ -40,6 +41,7 @@ class JointCertificate:
     minutes: float
     instruments: tuple[str, ...]
     candidates: int
+    mountings: int
 
     @property
     def says(self) -> str:
@@ -47,9 +49,9 @@ class JointCertificate:
         share, most = math.floor(self.efficiency * 1e3) / 1e3, math.ceil(self.gain * 1e3) / 1e3
         names = ", ".join(WORDS[name] for name in self.instruments)
         return (
-            f"efficiency ≥ {share:.3f} in {self.minutes:.3g} min, set-up included, over {self.candidates} candidate poses and "
-            f"circles with {names}; together at most {most:.3f} × lower variance than the best one of them (searched over a "
-            "dense set, not proved)"
+            f"efficiency ≥ {share:.3f} in {self.minutes:.3g} min with at most {plural(self.mountings, 'mounting')}, set-up "
+            f"included, over {self.candidates} candidate poses and circles with {names}; together at most {most:.3f} × lower "
+            "variance than the best one of them (searched over a dense set, not proved)"
         )
 
     def to_data(self) -> dict[str, Any]:
@@ -57,20 +59,23 @@ class JointCertificate:
         return {
             "says": self.says, "efficiency": six_digits(self.efficiency), "bound": six_digits(self.bound),
             "gain_over_one_instrument": six_digits(self.gain), "minutes": self.minutes,
-            "instruments": list(self.instruments), "candidates": self.candidates, "rigour": "searched over a dense set",
+            "instruments": list(self.instruments), "candidates": self.candidates, "mountings": self.mountings,
+            "rigour": "searched over a dense set",
         }  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Shared:
     """What instruments have in common: `spaces` by instrument, the `task`, whose set-up errors are per prior 1σ, the `mountings`
-    of each and, where a ball bar is among them, of its `circles`; `refused` why the machine cannot use others."""
+    of each and, where a ball bar is among them, of its `circles`; `refused` why the machine cannot use others; `most` mountings
+    that a plan has in all."""
 
     spaces: dict[str, Space]
     task: Task
     mountings: tuple[Mounting, ...]
     circles: tuple[Mounting, ...]
     refused: dict[str, str]
+    most: int
 
     @property
     def pace(self) -> float:
@@ -79,25 +84,25 @@ class Shared:
 
     def alone(self, minutes: float) -> Mixes:
         """Mixes of poses at rest and, of their own, circles."""
-        return Mixes(self.task, [*self.mountings, *self.circles], minutes, self.pace)
+        return Mixes(self.task, [*self.mountings, *self.circles], minutes, self.pace, self.most)
 
-    def poses(self, minutes: float) -> Mixes:
+    def poses(self, minutes: float, progress: Callable[[str], None]) -> Mixes:
         """Mixes of poses at rest."""
-        return Mixes(self.task, self.mountings, minutes, self.pace)
+        return Mixes(self.task, self.mountings, minutes, self.pace, self.most, progress)
 
     def joint(self, minutes: float, more: Sequence[Mounting] = ()) -> Mixes:
         """Mixes in which a mounted bar reads poses and circles; `more` mountings, of a plan."""
         bars = [m for m in self.mountings if m.kind == BAR]
         rest = [m for m in self.mountings if m.kind != BAR]
-        return Mixes(self.task, [*rest, *with_circles(bars, self.circles), *more], minutes, self.pace)
+        return Mixes(self.task, [*rest, *with_circles(bars, self.circles), *more], minutes, self.pace, self.most)
 
 
 def shared_minutes(
     machine: Machine, instruments: Sequence[str] = INSTRUMENTS, *, criterion: str = "A", for_: Iterable[str] = (),
-    given: Campaign | None = None, noise_um: float = 0.3, setup_sigma: SetupSigma | None = None,
+    given: Campaign | None = None, noise_um: float = 0.3, setup_sigma: SetupSigma | None = None, setups: int | None = None,
 ) -> Shared:  # fmt: skip
-    """All mountings of these instruments on a machine; those that it cannot use are left out. Raises `InputError` where none is
-    left."""
+    """All mountings of these instruments on a machine; those that it cannot use are left out. `setups` mountings at most, by
+    default as many as plans with each of them have. Raises `InputError` where none is left."""
     spaces: dict[str, Space] = {}
     refused: dict[str, InputError] = {}
     for name in dict.fromkeys(instruments):
@@ -114,7 +119,8 @@ def shared_minutes(
     mountings = [m for space in spaces.values() for m in mountings_of(space, own)]
     circles = mountings_of(spaces[BAR], own, rate_hz=RATE_HZ) if BAR in spaces else []
     why = {name: error.problem for name, error in refused.items()}
-    return Shared(spaces, replace(asked, own_sigma=np.ones(own)), tuple(mountings), tuple(circles), why)
+    most = setups or sum(map(usual_setups, spaces))
+    return Shared(spaces, replace(asked, own_sigma=np.ones(own)), tuple(mountings), tuple(circles), why, most)
 
 
 @one_thread
@@ -144,6 +150,7 @@ def certify_joint(
     shared = shared_minutes(
         machine,
         (*names, *instruments),
+        setups=max(len(runs), sum(map(usual_setups, {*names, *instruments}))),
         criterion=criterion,
         for_=for_,
         given=given,
@@ -180,5 +187,5 @@ def certified(shared: Shared, expected: Assessment, campaign: Campaign, minutes:
     best = min(mix.value for mix in shared.alone(minutes).single().values())
     gain = max(math.exp(best - bound), 1.0)
     return JointCertificate(
-        min(1.0, math.exp(bound - value)), value, bound, gain, minutes, tuple(shared.spaces), candidates
+        min(1.0, math.exp(bound - value)), value, bound, gain, minutes, tuple(shared.spaces), candidates, shared.most
     )

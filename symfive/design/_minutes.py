@@ -17,7 +17,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -53,10 +53,14 @@ class Mix:
 
 
 class Mixes:
-    """All mixes of some mountings in `minutes`, for a `task` whose set-up errors are per prior 1σ; `pace` s a pose."""
+    """All mixes of at most `most` mountings in `minutes`, for a `task` whose set-up errors are per prior 1σ; `pace` s a pose."""
 
-    def __init__(self, task: Task, mountings: Sequence[Mounting], minutes: float, pace: float) -> None:
+    def __init__(
+        self, task: Task, mountings: Sequence[Mounting], minutes: float, pace: float, most: int,
+        progress: Callable[[str], None] = lambda message: None,
+    ) -> None:  # fmt: skip
         self.task, self.mountings, self.minutes, self.pace = task, mountings, minutes, pace
+        self.most, self.progress = most, progress
         self.of_kind = {kind: [m for m in mountings if m.kind == kind] for kind in sorted({m.kind for m in mountings})}
         self._reached: dict[Kinds, Mix] = {}
 
@@ -67,13 +71,14 @@ class Mixes:
     @cached_property
     def all(self) -> list[Kinds]:
         """Every mix that leaves two poses a mounting beside the set-ups, as `plan` demands (`affordable`)."""
-        most = int(60.0 * self.minutes // (SETUP_S + LEAST_POSES * self.pace))
+        most = min(self.most, int(60.0 * self.minutes // (SETUP_S + LEAST_POSES * self.pace)))
         return [kinds for c in range(1, most + 1) for kinds in itertools.combinations_with_replacement(self.of_kind, c)]
 
     def reached(self, kinds: Kinds) -> Mix:
         """The relaxed design of a mix in the set-ups found best for it."""
         if kinds not in self._reached:
-            self._reached[kinds] = self._designed(kinds)
+            mix = self._reached[kinds] = self._designed(kinds)
+            self.progress(f"{', '.join(kinds)}: criterion ψ = {mix.value:.5f}")
         return self._reached[kinds]
 
     def _designed(self, kinds: Kinds) -> Mix:
@@ -129,6 +134,16 @@ class Mixes:
         weights = np.split(found.weights, np.cumsum([len(m.rows) for m in chosen])[:-1])
         known = self.task.prior + sum(m.added(w, len(self.task.prior)) for m, w in zip(chosen, weights, strict=True))
         return Mix(kinds, self.task.value(known), tuple(chosen), tuple(weights))
+
+    def enough(self, mix: Mix) -> float:
+        """Share of its time of reading that comes within `GAP` of it: more poses only repeat what set-up errors hide."""
+        low, high = 0.0, 1.0
+        while high - low > GAP:
+            share = 0.5 * (low + high)
+            added = [m.added(share * w, len(self.task.prior)) for m, w in zip(mix.mountings, mix.weights, strict=True)]
+            fits = self.task.value(self.task.prior + sum(added)) <= mix.value + GAP
+            low, high = (low, share) if fits else (share, high)
+        return high
 
     def single(self) -> dict[str, Mix]:
         """The best mix of each kind alone."""

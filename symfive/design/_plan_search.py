@@ -23,7 +23,7 @@ from symfive.design._rounding import on_grid, one_tool, rounded
 from symfive.design._schedule import Laid, Schedule, most_per_minute, retimed, scheduled, shortened
 from symfive.design._space import Space
 from symfive.moves import Tested, cleared
-from symfive.nc import LETTERS, Post
+from symfive.nc import Post, addressed
 from symfive.optimal import Candidates, Rows, Task
 
 MOST_SHARES = 3
@@ -140,7 +140,7 @@ class PlanSearch:
         """The order of the poses, the ways of its programs, and its times on these."""
         schedule = self._lay(rows)
         machine = schedule.campaign.machine
-        if any(name not in LETTERS for name in machine.axis_names):
+        if not addressed(machine):
             return schedule, Post(unsafe=schedule.unsafe, via=schedule.via)
         posts = [self._with_clear_ways(schedule, run) for run in schedule.campaign.runs]
         post = posts[0]

@@ -92,8 +92,13 @@ class Request:
     @property
     def shares(self) -> list[tuple[int, int]]:
         """Numbers of poses and of runs that fit into the time, for every number of runs. Raises `InputError` for none."""
-        runs = self.setups or (3 if self.instrument == "ball_bar" else 2)
+        runs = self.setups or usual_setups(self.instrument)
         return affordable(self.machine, self.minutes, self.points, runs, self.returns, self.repeats)
+
+
+def usual_setups(instrument: str) -> int:
+    """So many mountings at most where nobody says how many."""
+    return 3 if instrument == "ball_bar" else 2
 
 
 def check_minutes(minutes: float | None) -> None:

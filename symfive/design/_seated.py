@@ -115,8 +115,8 @@ class Seated:
             refused[tuple(np.array(list(self._blocked)).T)] = True
             graph.data[refused[graph.nonzero()]] = 0.0  # of straight moves that were refused some are no edges
             graph.eliminate_zeros()
-        into = graph[[last]].tocoo()  # the edges of the last node, the same both ways
-        nodes = into.coords[1]
+        into = graph[:, [last]].tocoo()  # between opposite bars the way there may be clear and the way back not
+        nodes = into.coords[0]
         graph[nodes, last] = 0.0  # nothing leads through it
         graph.eliminate_zeros()
         reached, before = dijkstra(graph, indices=first, return_predecessors=True)
@@ -135,13 +135,14 @@ class Seated:
 
     @cached_property
     def _nodes(self) -> tuple[Array, Array]:
-        """Variables and constants of the poses and, behind them, of positions within all limits: beside every pose in each
-        direction of the rotary axes, so that it can be reached from any side, and on a grid."""
+        """Variables and constants of the poses and, behind them, of positions within all limits: beside every different pose in
+        each direction of the rotary axes, so that it can be reached from any side, and on a grid."""
         axes = self.space.machine.axes
         rotary = sum(axis.rotary for axis in axes.values())
         steps = np.array(list(itertools.product((0.0, -1.0, 1.0), repeat=rotary)))[1:] * np.radians(BESIDE_DEG)
-        beside = np.repeat(self.z[:, : self.space.poses], len(steps), axis=0)
-        beside[:, :rotary] += np.tile(steps, (self.count, 1))
+        different = np.unique(self.z[:, : self.space.poses], axis=0)
+        beside = np.repeat(different, len(steps), axis=0)
+        beside[:, :rotary] += np.tile(steps, (len(different), 1))
         poses = on_grid(self.space, np.concatenate([beside, pose_grid(self.space, PLACES)]))
         setup = np.broadcast_to(self.z[0, self.space.poses :], (len(poses), self.z.shape[1] - self.space.poses))
         z, k = np.hstack([poses, setup]), np.repeat(self.k[:1], len(poses), axis=0)

@@ -16,7 +16,7 @@ from symfive.design._schedule import SETUP_S
 from symfive.drawing import PAGE_STYLE, SCRIPT, poses_figure, templates
 from symfive.instruments import instruments_of, mounted
 from symfive.machine import Machine
-from symfive.nc import LETTERS, UNCHECKED, Post, collision_warning, series_of, upright_axis, which_point
+from symfive.nc import UNCHECKED, Post, addressed, collision_warning, series_name, series_of, upright_axis, which_point
 from symfive.numbers import plain_number, unit_words
 from symfive.procedures import PAUSE_S, Nominal
 
@@ -95,7 +95,7 @@ def _run(sheet: Sheet, nominal: Nominal, run: Run) -> dict[str, Any]:
 def _steps(sheet: Sheet, run: Run, stands: str) -> list[str]:
     """What is to be done, in its order."""
     machine, again = sheet.campaign.machine, mounted_before(sheet.campaign.runs, run)
-    programmed, stays = set(machine.axis_names) <= set(LETTERS), _stays(sheet, run)
+    programmed, stays = addressed(machine), _stays(sheet, run)
     steps = ["Work offset: origin of the workpiece frame, with all rotary axes at 0."]
     if programmed:
         steps.append(f"In the program {which_point(machine, run, sheet.post)}.")
@@ -127,8 +127,9 @@ def _steps(sheet: Sheet, run: Run, stands: str) -> list[str]:
         return steps
     for series in series_of(machine, sheet.campaign.runs):
         if run in series:
-            names = "+".join(r.id for r in series)
-            steps.append(f"Or the program {names}: the {len(series)} circles of this mounting, the bar stays mounted.")
+            steps.append(
+                f"Or the program {series_name(series)}: the {len(series)} circles of this mounting, the bar stays mounted."
+            )
     return steps + _moves(machine, sheet.post)
 
 

@@ -30,7 +30,7 @@ from symfive.design._sweeps import Sweep, Sweeps
 from symfive.errors import InputError
 from symfive.inference import Noise
 from symfive.moves import Moves
-from symfive.nc import LETTERS
+from symfive.nc import addressed
 from symfive.optimal import Task
 from symfive.screen import plural
 
@@ -98,7 +98,7 @@ def _weighed(goal: Goal, offered: Sequence[Sweep], seconds: float) -> tuple[Arra
 
 def _ends(sweeps: Sweeps, positions: Array) -> Flags:
     """Positions (n,) with an exit path, in which the instrument can be mounted."""
-    if not set(sweeps.machine.axis_names) <= set(LETTERS):
+    if not addressed(sweeps.machine):
         return np.ones(len(positions), dtype=bool)
     return np.array([not what for what in Reach(sweeps.space).in_the_way(*sweeps.poses(positions))])
 

@@ -6,6 +6,7 @@ instrument's plan is made to complement those before it, and the first one once 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
@@ -118,14 +119,16 @@ class JointPlan(Written):
 def plan_together(
     machine: Machine | Path | str, instruments: Sequence[str] = INSTRUMENTS, *, minutes: float, criterion: str = "A",
     for_: Iterable[str] = (), given: Campaign | Path | str | None = None, noise_um: float = 0.3,
-    setup_sigma: SetupSigma | None = None, returns: int = 2, starts: int = 2, certify: bool = True, seed: int = 0,
-    pool: Executor | None = None, progress: Callable[[str], None] = lambda message: None,
+    setup_sigma: SetupSigma | None = None, setups: int | None = None, returns: int = 2, starts: int = 2, certify: bool = True,
+    seed: int = 0, pool: Executor | None = None, progress: Callable[[str], None] = lambda message: None,
 ) -> JointPlan:  # fmt: skip
     """The plan that makes the uncertainty of what is sought smallest in so many `minutes`, set-up of every mounting included.
 
-    `instruments` that may be used; those that the machine cannot use, and those that gain nothing, are left out. `certify`: the
-    plan is compared with all mixes of them in the same minutes, circles of a ball bar included (up to a minute). `criterion`,
-    `for_`, `given`, `noise_um`, `setup_sigma`, `returns`, `starts`, `seed` and `pool` as of `plan`.
+    `setups` mountings at most, of all instruments (default: 2 of each, 3 of a ball bar); poses that would lower the variance by
+    less than 1 % are not read. `instruments` that may be used; those that the machine cannot use, and those that gain nothing,
+    are left out. `certify`: the plan is compared with all mixes of them in the same minutes with as many mountings, circles of
+    a ball bar included (up to a minute). `criterion`, `for_`, `given`, `noise_um`, `setup_sigma`, `returns`, `starts`, `seed` and
+    `pool` as of `plan`.
 
     Raises `InputError` where no instrument can be used or the minutes are too short for one mounting.
     """
@@ -143,30 +146,31 @@ def plan_together(
         given=earlier,
         noise_um=noise_um,
         setup_sigma=setup_sigma,
+        setups=setups,
     )
-    progress("dividing the minutes among the instruments")
-    mixes = shared.poses(minutes)
+    mixes = shared.poses(minutes, lambda message: progress(f"dividing the minutes: {message}"))
     if not mixes.all:
         problem = f"{minutes:g} minutes are too short for one set-up ({SETUP_S / 60.0:g} min) and two poses"
         raise InputError(problem, remedy="give more minutes")
 
-    def planned(kind: str, count: int, share: float, others: Sequence[Plan]) -> Plan:
+    def planned(kind: str, others: Sequence[Plan]) -> Plan:
+        count, share, poses = shares[kind]
         before = [*([] if earlier is None else [earlier]), *(part.campaign for part in others)]
         return plan(
-            machine, instrument=kind, criterion=criterion, for_=wanted, minutes=share, setups=count,
-            points=max(2, int(60.0 * share / shared.pace)), given=merged(before) if before else None, noise_um=noise_um,
+            machine, instrument=kind, criterion=criterion, for_=wanted, minutes=min(share, minutes), setups=count,
+            points=max(2, poses), given=merged(before) if before else None, noise_um=noise_um,
             setup_sigma=setup_sigma, returns=returns, starts=starts, seed=seed, pool=pool, anywhere=False, prove=False,
             progress=lambda message: progress(f"{_words(kind)}: {message}"),
         )  # fmt: skip
 
     single, mix = min(mixes.single().values(), key=lambda each: each.value), mixes.best()
-    shares = _shares(mix if mix.value < single.value - GAP else single, shared.pace)
+    chosen = mix if mix.value < single.value - GAP else single
+    shares = _shares(chosen, mixes.enough(chosen), shared.pace)
     parts = list[Plan]()
-    for kind, (count, share) in shares.items():
-        parts.append(planned(kind, count, share, parts))
+    for kind in shares:
+        parts.append(planned(kind, parts))
     if len(parts) > 1:
-        first = parts[0].instrument
-        parts[0] = planned(first, *shares[first], parts[1:])
+        parts[0] = planned(parts[0].instrument, parts[1:])
     campaign = merged([part.campaign for part in parts])
     expected, certificate = assess(campaign, given=earlier), None
     if certify:
@@ -181,13 +185,14 @@ def plan_together(
     return JointPlan(tuple(parts), certificate, expected, tuple(left_out))
 
 
-def _shares(mix: Mix, pace: float) -> dict[str, tuple[int, float]]:
-    """How often each instrument is mounted, and its minutes."""
-    found: dict[str, tuple[int, float]] = {}
+def _shares(mix: Mix, enough: float, pace: float) -> dict[str, tuple[int, float, int]]:
+    """How often each instrument is mounted, its minutes, and how many poses it reads if `enough` of the time is read."""
+    found: dict[str, tuple[int, float, int]] = {}
     for mounting, weights in zip(mix.mountings, mix.weights, strict=True):
-        count, seconds = found.get(mounting.kind, (0, 0.0))
-        found[mounting.kind] = count + 1, seconds + SETUP_S - pace + float(weights.sum())
-    return {kind: (count, seconds / 60.0) for kind, (count, seconds) in found.items()}
+        count, minutes, poses = found.get(mounting.kind, (0, 0.0, 0))
+        seconds = SETUP_S + float(weights.sum())
+        found[mounting.kind] = count + 1, minutes + (seconds - pace) / 60.0, poses + math.ceil(enough * seconds / pace)
+    return found
 
 
 def _all(parts: Iterable[Mapping[str, Any]]) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from symfive.design._schedule import on_ways
 from symfive.design._sheet import Sheet, setup_sheet
 from symfive.errors import InputError
 from symfive.moves import cleared
-from symfive.nc import DIALECTS, LETTERS, Post, write_programs
+from symfive.nc import DIALECTS, Post, addressed, write_programs
 from symfive.outputs import output_folder, write_json, write_text
 from symfive.screen import OnScreen
 
@@ -107,7 +107,7 @@ def driven(plan: Plan, post: Post) -> Plan:
     own = replace(post, via=ways.via, unsafe=ways.unsafe, ways=ways.ways, tested=ways.tested)
     if post.retract_mm != plan.post.retract_mm:
         own = cleared(plan.machine, plan.campaign.runs, plan.unsafe, own)
-    if not set(plan.machine.axis_names) <= set(LETTERS):
+    if not addressed(plan.machine):
         return replace(plan, post=own)
     campaign, seconds = on_ways(plan.campaign, own)
     return replace(
@@ -139,7 +139,7 @@ def write_recordings(
     """Recordings as a plan: campaign, plan.json of `data`, programs and set-up sheet with `worth`. Raises `InputError`
     where a program has no clear way."""
     machine = campaign.machine
-    own = cleared(machine, campaign.runs, {}, post) if set(machine.axis_names) <= set(LETTERS) else post
+    own = cleared(machine, campaign.runs, {}, post) if addressed(machine) else post
     _write_files(Sheet(campaign=campaign, post=own or Post(), assessment=expected, worth=worth), folder, nc)
     write_json(folder / "plan.json", data)
 
@@ -148,7 +148,7 @@ def write_test(test: Discrimination, folder: Path, nc: tuple[str, ...] = ("iso",
     """The plan of a further test into a folder that exists: campaign, programs (where all axes have an NC address), and the
     set-up sheet, which states the purpose of the test. A test without a clear path has no program: the sheet names what meets."""
     campaign, notes = test.test, []
-    if not set(campaign.machine.axis_names) <= set(LETTERS):
+    if not addressed(campaign.machine):
         nc = ()
     elif nc:
         try:

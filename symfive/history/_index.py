@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from symfive.errors import InputError
-from symfive.history._schema import broken, connect, damaged
+from symfive.history._schema import broken, connect, damaged, writable
 from symfive.history._take import RECORD, read_record, record_bytes
 from symfive.history._visit import STAGES, Event, MachineId, Visit
 from symfive.outputs import write_bytes, write_json
@@ -37,7 +37,8 @@ class Index:
 
     def __enter__(self) -> Index:
         try:
-            self._complete()
+            if writable(self.path):
+                self._complete()
         except BaseException:
             self._connection.close()
             raise

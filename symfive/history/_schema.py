@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sqlite3
 from pathlib import Path
 
@@ -44,19 +45,27 @@ PATIENCE_S = 120.0
 
 
 def connect(path: Path, *, create: bool = True) -> sqlite3.Connection:
-    """The index, brought to the newest version. Raises `InputError` where it is not there, damaged, or of a newer symfive."""
+    """The index, brought to the newest version; only to be read where the user may not write.
+
+    Raises `InputError` where it is not there, damaged, of a newer symfive, or of an older one and may not be written.
+    """
     if not create and not path.is_file():
         remedy = "add results with symfive history add, rebuild a lost index with symfive history rebuild, or give --history DIR"
         raise InputError("there is no history", path=path.parent, remedy=remedy)
+    readable_only = path.is_file() and not writable(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        connection = sqlite3.connect(path, timeout=PATIENCE_S, isolation_level=None, check_same_thread=False)
+        name = _read_only(path) if readable_only else path
+        connection = sqlite3.connect(
+            name, timeout=PATIENCE_S, isolation_level=None, check_same_thread=False, uri=readable_only
+        )
     except (OSError, sqlite3.Error) as error:
         remedy = "choose a place with room where you may write"
         raise InputError(f"the index cannot be opened ({error})", path=path, remedy=remedy) from None
     try:
-        connection.execute("PRAGMA journal_mode = WAL")
-        connection.execute("PRAGMA synchronous = FULL")
+        if not readable_only:
+            connection.execute("PRAGMA journal_mode = WAL")
+            connection.execute("PRAGMA synchronous = FULL")
         _migrate(connection, path)
     except sqlite3.DatabaseError as error:
         connection.close()
@@ -68,6 +77,17 @@ def connect(path: Path, *, create: bool = True) -> sqlite3.Connection:
         connection.close()
         raise
     return connection
+
+
+def writable(path: Path) -> bool:
+    """Whether an index may be written: the file, and beside it the log that SQLite writes ahead."""
+    return os.access(path, os.W_OK) and os.access(path.parent, os.W_OK)
+
+
+def _read_only(path: Path) -> str:
+    """The address of an index to be read. Without a log nobody writes it, and none can be made: then it needs no locks."""
+    log = path.with_name(f"{path.name}-wal")
+    return f"{path.absolute().as_uri()}?mode=ro{'' if log.exists() else '&immutable=1'}"
 
 
 def put_damaged_aside(path: Path) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -11,10 +11,12 @@ from typing import Any
 import numpy as np
 
 from symfive.arrays import Array
-from symfive.effects import Effect, make_effect
+from symfive.effects import Effect, baseline_effects, make_effect
 from symfive.errors import InputError
 from symfive.files import read_text, shown
+from symfive.instruments import INSTRUMENTS
 from symfive.machine import Machine, machine_from_data, machine_to_data
+from symfive.model._assembly import machine_parameters
 from symfive.numbers import with_std
 from symfive.outputs import write_json
 from symfive.screen import OnScreen, listed, plural
@@ -131,9 +133,11 @@ def read_model(path: Path | str) -> FittedModel:
         if isinstance(error, InputError):
             raise
         raise InputError(f"the model is incomplete ({error})", path=path, remedy="run symfive identify again") from None
+    effects = effects_from_data(data.get("effects", []), path)
+    _check_owners(machine, effects, entries, path)
     return FittedModel(
         machine=machine,
-        effects=effects_from_data(data.get("effects", []), path),
+        effects=effects,
         values={name: e[0] for name, e in entries.items()},
         std={name: e[1] for name, e in entries.items()},
         units={name: e[2] for name, e in entries.items()},
@@ -147,6 +151,16 @@ def _check_units(machine: Machine, entries: Mapping[str, tuple[float, float, str
         term = machine.errors.get(name.split(".")[0])
         if term is not None and unit != term.unit:
             raise ValueError(f"{shown(name)} is in {shown(unit)}")
+
+
+def _check_owners(machine: Machine, effects: Sequence[Effect], names: Iterable[str], path: Path) -> None:
+    """Refuse parameters of which the model has no error, no effect and no instrument: nothing would use them."""
+    errors = {parameter.name for parameter in machine_parameters(machine)}
+    owners = (*INSTRUMENTS, *(effect.key for effect in (*baseline_effects(machine), *effects)))
+    for name in names:
+        if name not in errors and not name.startswith(tuple(f"{owner}." for owner in owners)):
+            problem = f"parameter {shown(name)} belongs to no error and no effect of the model"
+            raise InputError(problem, path=path, remedy="correct its name, or add its error under machine.errors")
 
 
 def _numbers(table: Any) -> Array:

@@ -26,9 +26,17 @@ from symfive.nc._route import (
     upright_axis,
 )
 from symfive.nc._seat import Seat, along_arcs
-from symfive.nc._steps import arrival_times, outside_s, program_steps, series_of, series_steps
+from symfive.nc._steps import (
+    addressed,
+    arrival_times,
+    check_addresses,
+    outside_s,
+    program_steps,
+    series_name,
+    series_of,
+    series_steps,
+)
 from symfive.nc._touch import Probing, touch_reach
-from symfive.nc._writer import LETTERS
 from symfive.nc.heidenhain import HEIDENHAIN
 from symfive.nc.iso import ISO
 from symfive.nc.linuxcnc import LINUXCNC
@@ -36,9 +44,10 @@ from symfive.nc.siemens import SIEMENS
 from symfive.outputs import write_text
 
 __all__ = [
-    "CAUTION", "DIALECTS", "LETTERS", "UNCHECKED", "Dialect", "Positions", "Post", "Probing", "Seat", "Step", "Way", "able",
-    "along_arcs", "arrival_times", "at_the_top", "can_probe", "collision_warning", "dialect_of", "lifts", "one_by_one",
-    "out_to_the_top", "outside_s", "over_the_top", "pace", "program", "program_steps", "series_of", "top_of", "touch_reach",
+    "CAUTION", "DIALECTS", "UNCHECKED", "Dialect", "Positions", "Post", "Probing", "Seat", "Step", "Way", "able", "addressed",
+    "along_arcs", "arrival_times", "at_the_top", "can_probe", "check_addresses", "collision_warning", "dialect_of", "lifts",
+    "one_by_one", "out_to_the_top", "outside_s", "over_the_top", "pace", "program", "program_steps", "series_name", "series_of",
+    "top_of", "touch_reach",
     "turned_home", "upright_axis", "which_point", "write_programs",
 ]  # fmt: skip
 
@@ -98,19 +107,22 @@ def program(machine: Machine, run: Run, dialect: str, post: Post | None = None, 
 def write_programs(
     campaign: Campaign, folder: Path | str, dialects: Iterable[str], post: Post | None = None
 ) -> tuple[Path, ...]:
-    """One program per run and dialect into `folder`/dialect, numbered from 1 as the runs, behind these one per series of circles
-    during which the bar stays on, named by its runs; files that they need on the control stand beside them. Returns the paths."""
+    """One program per run and dialect into `folder`/dialect, named and numbered as the runs, behind these one per series of
+    circles during which the bar stays on; files that they need on the control stand beside them. Returns the paths."""
     chosen, machine = [dialect_of(name) for name in dialects], campaign.machine
     written = []
     series = series_of(machine, campaign.runs) if chosen else []
     for dialect in chosen:
         own, numbers = worded(post or Post(), dialect), count(1)
-        files = {
-            f"{run.id}{dialect.suffix}": _written(machine, run, dialect, own, next(numbers)) for run in campaign.runs
-        }
+        texts = {run.id: _written(machine, run, dialect, own, next(numbers)) for run in campaign.runs}
         for runs in series:
-            name, steps = "+".join(r.id for r in runs), series_steps(machine, runs, own)
-            files[f"{name}{dialect.suffix}"] = _text(machine, runs[0], dialect, steps, own, next(numbers))
+            steps = series_steps(machine, runs, own)
+            texts[series_name(runs)] = _text(machine, runs[0], dialect, steps, own, next(numbers))
+        files = dict[str, str]()
+        for number, (name, text) in enumerate(texts.items(), start=1):
+            stem = dialect.file(name)
+            stem = f"{stem[:-4]}_{number:03d}" if f"{stem}{dialect.suffix}" in files else stem
+            files[f"{stem}{dialect.suffix}"] = text
         if any("touch_probe" in run.instrument for run in campaign.runs):
             files |= cycle_of(dialect, own).beside
         for name, text in files.items():

@@ -65,10 +65,6 @@ class Block:
     feed: str
 
 
-def _plain_word(axis: str, value: float) -> str:
-    return f"{axis}{value:.5f}"
-
-
 def _block_a_turn(arc: Block) -> Sequence[str]:
     return [f"{arc.code} {arc.words} {arc.offset} F{arc.feed}"] * arc.turns
 
@@ -83,7 +79,8 @@ class Dialect:
     (`after_first_stop`); `end` ends it.
     `retract` drives `{axis}` alone to `{value}` in machine coordinates, tool offset cancelled. `stop` shows its `{text}`, of at
     most 26 characters, on the control's screen and waits. `datum` says in words which lines call datum and tool offset.
-    `decimals` to which positions are written, by `word`; `upper`: the control reads capital letters only.
+    `decimals` to which positions are written, by `word` with `{axis}`, `{value}` and `{decimals}`, fewer where all `digits`
+    of a number would be more than the control reads; `upper`: it reads capital letters only.
     `orient` turns the spindle to `{angle}` degree and holds it; controls whose words for it depend on the builder stop and let
     the operator turn it.
     `contour` calls a circle's `{plane}` and the contouring mode: exact stop off, look-ahead as in production. `arc` writes a
@@ -93,6 +90,7 @@ class Dialect:
     `inverse_time`: whether the control has G93, where F is 1/minutes of the block. Without it F is mm/min of the linear
     axes (degree/min where none moves) and the time stands in a comment: what F means with rotary axes in the block
     depends on the control's parameters.
+    `file`: from the name of a run or a series to the name that the control takes for a file.
     `cycle`: how the control probes; None where it is not known, then it takes no programs of a touch probe.
     """
 
@@ -119,9 +117,19 @@ class Dialect:
     numbered: bool = False
     upper: bool = False
     decimals: int = 5
-    word: Callable[[str, float], str] = _plain_word
+    digits: int = 15
+    word: str = "{axis}{value:.{decimals}f}"
+    file: Callable[[str], str] = str
     verified: str = "not verified on a control"
     cycle: Cycle | None = None
+
+    def places(self, value: float) -> int:
+        """Decimals to which a position is written."""
+        return min(self.decimals, self.digits - len(f"{abs(value):.0f}"))
+
+    def rounded(self, value: float) -> float:
+        """A position as it is written."""
+        return round(value, self.places(value)) + 0.0
 
 
 SPELLED = {"µ": "u", "°": " deg", "…": "...", "(": "[", ")": "]", ";": ",", "%": " ", '"': "'", "{": "[", "}": "]"}
@@ -200,7 +208,7 @@ OFFSETS = dict(zip("XYZ", "IJK", strict=True))
 
 def _arc(dialect: Dialect, step: Step, before: Mapping[str, float]) -> Block:
     """The words of an arc. The offset is from where the block before ends, as it is written there."""
-    offset = {OFFSETS[n]: step.centre[n] - round(before[n], dialect.decimals) for n in step.positions}
+    offset = {OFFSETS[n]: step.centre[n] - dialect.rounded(before[n]) for n in step.positions}
     end, pole, centre = (
         " ".join(word(dialect, name, value) for name, value in sorted(words.items()))
         for words in (step.positions, step.centre, offset)
@@ -213,7 +221,7 @@ def _arc(dialect: Dialect, step: Step, before: Mapping[str, float]) -> Block:
 
 def word(dialect: Dialect, axis: str, value: float) -> str:
     """A position as the dialect writes it."""
-    return dialect.word(axis, round(value, dialect.decimals) + 0.0)
+    return dialect.word.format(axis=axis, value=dialect.rounded(value), decimals=dialect.places(value))
 
 
 def _feed(dialect: Dialect, step: Step, before: Mapping[str, float], *, timed: bool) -> str:
@@ -222,11 +230,11 @@ def _feed(dialect: Dialect, step: Step, before: Mapping[str, float], *, timed: b
     minutes = max(step.seconds, 1e-4) / 60.0
     if timed:
         return _down(1.0 / minutes)
-    written = {axis: round(value, dialect.decimals) for axis, value in step.positions.items()}
-    moved = {axis: v - round(before.get(axis, v), dialect.decimals) for axis, v in written.items()}
+    written = {axis: dialect.rounded(value) for axis, value in step.positions.items()}
+    moved = {axis: v - dialect.rounded(before.get(axis, v)) for axis, v in written.items()}
     linear = math.hypot(*(d for axis, d in moved.items() if axis[0] in "XYZUVW"))
     way = linear or max((abs(d) for d in moved.values()), default=0.0)
-    return f"{max(math.floor(way / minutes / LEAST_FEED) * LEAST_FEED, LEAST_FEED):.3f}"
+    return f"{max(way / minutes, LEAST_FEED):.3f}"
 
 
 def _down(value: float) -> str:

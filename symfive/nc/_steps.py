@@ -16,17 +16,34 @@ from symfive.nc._base import Step
 from symfive.nc._post import Post
 from symfive.nc._probing import ProbeWays
 from symfive.nc._recording import STANDSTILL, pulled_out
-from symfive.nc._writer import LETTERS, ORIENT_S, Writer
+from symfive.nc._writer import LINEAR, ORIENT_S, ROTARY, Writer
 
 SHORT_REST_S = 0.1
+
+
+def check_addresses(machine: Machine) -> None:
+    """Raises `InputError` for an axis whose name is no NC address of its kind: a control reads the feed of W in mm/min."""
+    for name, axis in machine.axes.items():
+        letters = ROTARY if axis.rotary else LINEAR
+        if name not in letters:
+            kind = "rotary" if axis.rotary else "linear"
+            remedy = f"name {kind} axes by {', '.join(letters)} for programs"
+            raise InputError(f"axis {name} has no NC address", remedy=remedy)
+
+
+def addressed(machine: Machine) -> bool:
+    """Whether all axes have an NC address."""
+    try:
+        check_addresses(machine)
+    except InputError:
+        return False
+    return True
 
 
 def program_steps(machine: Machine, run: Run, post: Post | None = None) -> list[Step]:
     """The steps of a run's program. Raises `InputError` for an axis whose name is no NC address, and where no travel is left to
     draw the tool back."""
-    for name in machine.axis_names:
-        if name not in LETTERS:
-            raise InputError(f"axis {name} has no NC address", remedy=f"name axes by {', '.join(LETTERS)} for programs")
+    check_addresses(machine)
     return _without_standstill(Writer(machine, run, post or Post()).steps())
 
 
@@ -51,6 +68,11 @@ def _goes_on(machine: Machine, before: Run, run: Run) -> bool:
         return False
     there, here = pulled_out(before, a, before.rows - 1), pulled_out(run, b, 0)
     return all(abs(there[name] - here[name]) < STANDSTILL for name in here)
+
+
+def series_name(runs: Sequence[Run]) -> str:
+    """The name of the program of a series: no control takes those of all runs."""
+    return f"{runs[0].id}-and-{len(runs) - 1}-more"
 
 
 def series_steps(machine: Machine, runs: Sequence[Run], post: Post | None = None) -> list[Step]:

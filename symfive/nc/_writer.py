@@ -31,6 +31,7 @@ from symfive.nc._route import Positions, Way, at_the_top, out_to_the_top, over_t
 from symfive.nc._seat import Seat
 from symfive.procedures import Nominal
 
+ROTARY, LINEAR = "ABC", "XYZUVW"
 LETTERS = "XYZABCUVW"
 CREEP_MM_PER_MIN, SLOWEST_MM_PER_MIN, LAST_MM = 500.0, 100.0, 5.0
 """Feed towards and away from the nest, and on the last millimetres."""

@@ -103,6 +103,6 @@ HEIDENHAIN = Dialect(
     inverse_time=False,
     numbered=True,
     decimals=4,
-    word=lambda axis, value: f"{axis}{value:+.4f}",
+    word="{axis}{value:+.{decimals}f}",
     cycle=CYCLE,
 )

@@ -5,8 +5,8 @@ look-ahead (`G5.1 Q1`, `G8 P1`, Haas `G187`) is on in production is switched on 
 
 Spindle orientation to an angle (`M19` with R, S or nothing) is the builder's: the program stops, the operator turns the spindle.
 `#3006` stops and shows its text (26 characters); `G28` drives to the reference point, which lies at the top of the tool's axis.
-`G31` skips what is left of a move; without contact `#5061` … hold its end. `DPRNT` prints eight digits. From the makers'
-documentation.
+`G31` skips what is left of a move; without contact `#5061` … hold its end. `DPRNT` prints eight digits, and
+a number of more than eight is an alarm. From the makers' documentation.
 """
 
 from __future__ import annotations
@@ -65,6 +65,7 @@ ISO = Dialect(
     comment="({text})",
     datum="G54 calls the datum, G49: no tool length offset",
     upper=True,
+    digits=8,
     tool_centre=("G43.4 H{tool}", "G49"),
     cycle=CYCLE,
 )

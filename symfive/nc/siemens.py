@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from symfive.nc._base import Block, Dialect
+from symfive.nc._base import Block, Dialect, program_name
 from symfive.nc._post import Post
 from symfive.nc._touch import NO_CONTACT, NO_LOG, ON_ITS_WAY, Cycle, Move, Touch
 
@@ -66,6 +66,7 @@ CYCLE = Cycle(
 SIEMENS = Dialect(
     name="siemens",
     suffix=".mpf",
+    file=program_name,
     head=("; {name}",),
     start=("G710 G17 G90 G94 G40 G500 D0", "TRANS", "M5", "G54"),
     rotary=("TRAFOOF",),
@@ -80,6 +81,5 @@ SIEMENS = Dialect(
     comment="; {text}",
     datum="G54 calls the datum, D0: no tool offset",
     tool_centre=("T{tool} D1\nTRAORI", "TRAFOOF\nD0"),
-    word=lambda axis, value: f"{axis}={value:.5f}" if len(axis) > 1 else f"{axis}{value:.5f}",
     cycle=CYCLE,
 )

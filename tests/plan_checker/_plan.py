@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 import tomllib
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -158,13 +159,21 @@ class Plan:
     stated: Table = field(default_factory=dict)
 
     def programs(self) -> dict[str, dict[str, Path]]:
-        """dialect → run id → file."""
+        """dialect → run id, or ids with + between, as the program says in its comments, else its name → file."""
+        known = {_plain(run.table["id"]): run.table["id"] for run in self.runs}
         root = self.folder / "nc"
         found: dict[str, dict[str, Path]] = {}
         for path in sorted(root.glob("*/*")) if root.is_dir() else []:
             if path.is_file() and path.suffix != ".A":  # a mask of Heidenhain's FN 16
-                found.setdefault(path.parent.name, {})[path.stem] = path
+                said = re.findall(r"\brun (\S+), \d+ rows", path.read_text("ascii", "replace"), re.IGNORECASE)
+                names = [known.get(_plain(name), name) for name in said or [path.stem]]
+                found.setdefault(path.parent.name, {})["+".join(names)] = path
         return found
+
+
+def _plain(name: str) -> str:
+    """A name as the strictest control takes it."""
+    return re.sub(r"[^A-Z0-9]", "_", name.upper())
 
 
 def read_plan(folder: Path | str) -> Plan:
