@@ -229,6 +229,11 @@ def test_positioning_of_a_rotary_axis_by_hand():
     for name, value in _by_hand(up, down).items():
         first, _, side = name.partition(" ")
         assert found[f"{first} C {side}".strip()].value == pytest.approx(value, rel=1e-9), name
+    computed = found["A C"]
+    (own,) = with_uncertainties([computed], {"A": 5.0})  # the user's budget has more than the noise
+    assert own.u == 5.0 and [s for s in computed.limits if s not in own.limits] == [
+        "U contains the noise of a reading only, not scale, alignment and temperature of the instrument"
+    ]
     assert {value.unit for value in found.values()} == {"urad"}
     assert found["A C"].conditions["targets"] == "6 from -170 to 158.2 °" and "µrad" in found["A C"].words
 

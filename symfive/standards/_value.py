@@ -22,6 +22,8 @@ COVERAGE = 2.0
 PASS, FAIL, UNDECIDED = "pass", "fail", "cannot be decided at this uncertainty"
 SCHEMA = "symfive.standards/1"
 NONE = "No number of a standard can be evaluated from these readings (a circle, a positioning test, a rotary test)."
+NOISE_ALONE = "U contains the noise of a reading only, not scale, alignment and temperature of the instrument"
+"""What limits the declared noise propagated, and no longer the U of a user's own budget."""
 Decisions = Mapping[int, tuple[float, str]]
 STILL = 1e-6
 """An axis that moves less (mm, degree) stands still."""
@@ -110,7 +112,7 @@ def with_uncertainties(values: Sequence[StandardValue], known: Mapping[str, floa
         if not (math.isfinite(u) and u >= 0.0):
             raise InputError(f"the uncertainty of {name} is {u:g}", remedy="give U (k = 2) of at least 0")
         for i in matching(values, name):
-            new[i] = replace(new[i], u=u, limits=tuple(s for s in new[i].limits if not s.startswith("U holds")))
+            new[i] = replace(new[i], u=u, limits=tuple(s for s in new[i].limits if s != NOISE_ALONE))
     return tuple(new)
 
 

@@ -24,7 +24,7 @@ import numpy as np
 from symfive.arrays import Array
 from symfive.campaign import Campaign, Run
 from symfive.numbers import unit_words
-from symfive.standards._value import COVERAGE, StandardValue, place_of
+from symfive.standards._value import COVERAGE, NOISE_ALONE, StandardValue, place_of
 
 STANDARD = "ISO 230-2"
 SAME = 1e-3
@@ -105,7 +105,7 @@ def _of_test(campaign: Campaign, runs: Sequence[Run]) -> list[StandardValue]:
         limits.append(f"{min(counts)} approaches per direction: ISO 230-2 requires {ASKED}")
     if len(data.targets) < ASKED and not axis.rotary:
         limits.append(f"{len(data.targets)} targets: ISO 230-2 requires at least {ASKED}")
-    limits.append("U contains the noise of a reading only, not scale, alignment and temperature of the instrument")
+    limits.append(NOISE_ALONE)
     conditions = {
         "axis": axis.name,
         "targets": f"{len(data.targets)} from {data.targets[0]:g} to {data.targets[-1]:g} {unit_words(axis.unit)}",
