@@ -50,6 +50,22 @@ def test_a_pose_whose_nose_would_meet_the_table_is_refused() -> None:
     assert "tool and post" in table.names and "spindle nose and table" in nest.names
 
 
+def test_a_thick_bar_passes_the_nose_at_its_radius() -> None:
+    """The bar tilts towards the spindle, 45° and more from its axis: its mantle, not its axis, must pass the nose."""
+    thick = replace(OYAMA, workspace=replace(OYAMA.workspace, bar_radius=12.0), text="")
+    rest = {"B": np.zeros(3), "C": np.zeros(3)}
+    down = tuple((np.cos(a), 0.0, -np.sin(a)) for a in np.radians([0.0, 20.0, 40.0]))
+    run = static_ball_bar(
+        OYAMA, poses=rest, direction=down, table_balls=((0.0, 0.0, 120.0),), length=100.0, seconds_per_pose=60.0
+    )[0]
+    at_rest = np.stack([run.commands[n] for n in OYAMA.axis_names], axis=1)
+    for name, least, most in (("spindle nose and bar", 6.0, 12.0), ("bar and table", 8.0, 12.0)):
+        line, mantle = (
+            clear(at_rest)[:, clear.names.index(name)] for clear in (Clearances(OYAMA, run), Clearances(thick, run))
+        )
+        assert np.all((line - mantle >= least) & (line - mantle <= most + 1e-6))
+
+
 def _two_runs() -> tuple[Run, Run]:
     grid = {"B": (-60.0, 60.0), "C": (0.0, 90.0)}
     first, second = r_test_grid(OYAMA, grid=grid, nests=((80.0, 0.0, 60.0), (0.0, 0.0, 120.0)), returning=False)

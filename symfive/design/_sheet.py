@@ -269,6 +269,15 @@ def _unchecked(sheet: Sheet) -> str:
     return f"{words} {DRY_RUN}" if words.startswith(UNCHECKED) else ""
 
 
+def _thickness(sheet: Sheet) -> list[tuple[str, float | None]]:
+    """Bodies of some radius, mm."""
+    workspace = sheet.campaign.machine.workspace
+    bodies = [("post", workspace.post_radius), ("tool", workspace.tool_radius)]
+    if any("ball_bar" in run.instrument for run in sheet.campaign.runs):
+        bodies.append(("bar", workspace.bar_radius))
+    return bodies
+
+
 def _clearances(sheet: Sheet) -> str:
     """Which bodies keep apart, and where."""
     workspace, post = sheet.campaign.machine.workspace, sheet.post
@@ -276,11 +285,10 @@ def _clearances(sheet: Sheet) -> str:
         return "Not checked; see above."
     words = ", ".join(f"{key} {value:g} mm" for key, value in workspace.spindle_nose.items())
     thick = ", ".join(
-        f"{name} {'a line' if radius is None else f'of radius {radius:g} mm'}"
-        for name, radius in (("post", workspace.post_radius), ("tool", workspace.tool_radius))
+        f"{name} {'a line' if radius is None else f'of radius {radius:g} mm'}" for name, radius in _thickness(sheet)
     )
     untested = " ".join(collision_warning(sheet.campaign.machine, post, sheet.campaign.runs)[1:])
     return (
-        f"Spindle nose as a cylinder ({words}), {thick}, table and bar keep apart at every pose and on every move of the "
+        f"Spindle nose as a cylinder ({words}), {thick} and the table keep apart at every pose and on every move of the "
         f"programs from above the first pose to above the last. {untested} {DRY_RUN}"
     )

@@ -333,7 +333,7 @@ def _limits(machine: Machine, instrument: str, geometry: _Geometry, k: Any) -> t
         limits += [height / UNIT_MM for height in nose_over_table(workspace, place, axis)]
         names += ["spindle nose and table"] * 2
         if instrument == "ball_bar":
-            limits.append(angle_clearance(workspace, axis, -geometry.bar, k[0]))
+            limits.append(angle_clearance(workspace, axis, -geometry.bar, k[0], workspace.bar_radius or 0.0))
             limits.append(post_clearance(workspace, geometry.table_ball, place, axis) / UNIT_MM)
             names += ["spindle nose and bar", KINKED]
         elif nose_may_reach_post(workspace):

@@ -36,11 +36,20 @@ class Workspace:
     spindle_nose: Mapping[str, float] | None = None
     post_radius: float | None = None
     tool_radius: float | None = None
+    bar_radius: float | None = None
     extra: Mapping[str, Any] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "extra", freeze(self.extra))
-        names = ("table_radius", "bar_stroke", "sensor_range", "seconds_per_pose", "post_radius", "tool_radius")
+        names = (
+            "table_radius",
+            "bar_stroke",
+            "sensor_range",
+            "seconds_per_pose",
+            "post_radius",
+            "tool_radius",
+            "bar_radius",
+        )
         positive("workspace", **{name: getattr(self, name) for name in names})
         numbers("workspace", "bar_lengths", self.bar_lengths, example="bar_lengths = [100.0, 150.0]")
         for length in self.bar_lengths:

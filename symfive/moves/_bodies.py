@@ -4,14 +4,14 @@
             table's centre; where nobody says how wide it is, everything under that plane
     post    a cylinder from the table to `POST_TOP` mm below the table ball or nest
     ball    the table ball (half an inch); with the tool ball in its nest the tool does not count against it
-    bar     a line from the table ball to the tool ball, kept off the cup by its least elevation
+    bar     a cylinder from the table ball to the tool ball, kept off the cup by its least elevation
     tool    a cylinder about the tool's axis from the tool ball to the spindle nose
     nose    a cylinder about the tool's axis that begins `above_ball` over the tool ball and is `NOSE_LENGTH` long
 
-Radii of post and tool are 0 where the machine file does not say (`post_radius`, `tool_radius` in [workspace]). Each clearance is
-in mm and ≥ 0 where the bodies keep apart. While a plan is sought the clearances are the smooth functions of this file: the table
-is its plane, the post's end a half ball inside it, tested at `POST_POINTS` points of its axis. Along the ways of the plan the
-bodies themselves are tested (`Clearances`).
+Radii of post, tool and bar are 0 where the machine file does not say (`post_radius`, `tool_radius`, `bar_radius`). Each
+clearance is in mm and ≥ 0 where the bodies keep apart. While a plan is sought the clearances are the smooth functions of this
+file: the table is its plane, the post's end a half ball inside it, tested at `POST_POINTS` points of its axis. Along the ways
+of the plan the bodies themselves are tested (`Clearances`).
 """
 
 from __future__ import annotations
@@ -52,9 +52,12 @@ def angle_clearance(workspace: Workspace, axis: Any, direction: Any, length: Any
     """Of the nose and a rod of some length and radius that begins at the tool ball and points along `direction`.
 
     The rod passes under the nose where it is too short or too far from the tool's axis: given as a difference of cosines.
+    Its mantle passes the rim of the nose, `rim` away, where its axis is turned away from it by asin(thick/rim).
     """
     radius, above = _nose(workspace)
-    return ca.fmax(above / length, above / math.hypot(above, radius + thick)) - ca.dot(direction, axis)
+    rim = math.hypot(above, radius)
+    angle = math.atan2(radius, above) + math.asin(min(thick / rim, 1.0))
+    return ca.fmax(above / length, math.cos(angle)) - ca.dot(direction, axis)
 
 
 def nose_may_reach_post(workspace: Workspace) -> bool:

@@ -69,7 +69,7 @@ class Clearances:
         way = place - self.table_ball
         size = np.linalg.norm(way, axis=1)
         if self.bar and bar:
-            rod = Rod(ball.start, way / np.maximum(size, 1e-9)[:, None], size)
+            rod = Rod(ball.start, way / np.maximum(size, 1e-9)[:, None], size, workspace.bar_radius or 0.0)
             bodies["bar"] = rod
             pairs["bar and post"] = rod, post
             if self.nose is not None:

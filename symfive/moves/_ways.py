@@ -36,7 +36,7 @@ from symfive.nc import (
 from symfive.procedures import Nominal, home
 
 RETRACTS_MM = (50.0, 80.0, 120.0, 200.0)
-REMEDY = "what helps: a longer tool, a slimmer post or tool ([workspace] post_radius, tool_radius), more travel"
+REMEDY = "what helps: a longer tool, a slimmer post, tool or bar ([workspace] post_radius, tool_radius, bar_radius), more travel"
 ELSEWHERE = "what helps: another position or height of the table ball, another radius, a longer tool"
 
 

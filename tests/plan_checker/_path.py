@@ -149,12 +149,13 @@ class Path:
 
     @cached_property
     def bar(self) -> Cylinder:
-        """The ball bar from the table ball to the tool ball, a line."""
+        """The ball bar from the table ball to the tool ball."""
         way = self.ball - self.run.table_ball
         length = np.linalg.norm(way, axis=1)
         return Cylinder(
-            np.broadcast_to(self.run.table_ball, way.shape), way / np.maximum(length, 1e-9)[:, None], length, 0.0
-        )
+            np.broadcast_to(self.run.table_ball, way.shape), way / np.maximum(length, 1e-9)[:, None], length,
+            float(self.machine.workspace.get("bar_radius", 0.0)),
+        )  # fmt: skip
 
     @cached_property
     def post(self) -> Cylinder:

@@ -66,7 +66,11 @@ def _workspace(rng: np.random.Generator, turning: bool) -> Table:
         nose = rng.uniform(20.0, 70.0), rng.uniform(20.0, 0.9 * short)
         space["spindle_nose"] = f"{{ radius = {nose[0]:.1f}, above_ball = {nose[1]:.1f} }}"
     if rng.random() < 0.5:
-        space |= {"post_radius": float(rng.integers(5, 20)), "tool_radius": float(rng.integers(3, 12))}
+        space |= {
+            "post_radius": float(rng.integers(5, 20)),
+            "tool_radius": float(rng.integers(3, 12)),
+            "bar_radius": 10.0,
+        }
     if rng.random() < (0.15 if turning else 0.5):
         space["table_centre"] = _rounded(rng.normal(0.0, 60.0, 2))
     return space
