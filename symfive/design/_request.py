@@ -20,7 +20,7 @@ from symfive.optimal import Criterion, Task, criterion_of
 from symfive.validation import at_most, positive
 
 __all__ = [
-    "Request", "check_counts", "check_minutes", "check_robust", "interest_of", "refuse_unseen", "task_of", "usual_setups",
+    "MOST", "Request", "check_counts", "check_minutes", "check_robust", "interest_of", "refuse_unseen", "task_of", "usual_setups",
     "with_bars",
 ]  # fmt: skip
 

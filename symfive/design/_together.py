@@ -28,7 +28,7 @@ from symfive.design._joint_certificate import (
 )
 from symfive.design._minutes import GAP, Mix
 from symfive.design._plan import Plan, plan
-from symfive.design._request import check_minutes
+from symfive.design._request import MOST, check_counts, check_minutes
 from symfive.design._schedule import SETUP_S
 from symfive.design._write import SCHEMA, driven, write_joint
 from symfive.errors import InputError
@@ -143,6 +143,7 @@ def plan_together(
     """
     machine = machine_given(machine)
     check_minutes(minutes)
+    check_counts(machine, {"setups": setups, "returns": returns, "starts": starts})
     if unknown := next((name for name in instruments if name not in INSTRUMENTS), None):
         raise InputError(f'there is no instrument "{unknown}" to plan with', remedy=f"use {', '.join(INSTRUMENTS)}")
     earlier = None if given is None else campaign_given(given)
@@ -167,7 +168,7 @@ def plan_together(
         before = [*([] if earlier is None else [earlier]), *(part.campaign for part in others)]
         return plan(
             machine, instrument=kind, criterion=criterion, for_=wanted, minutes=min(share, minutes), setups=count,
-            points=max(2, poses), given=merged(before) if before else None, noise_um=noise_um,
+            points=min(max(2, poses), MOST["points"]), given=merged(before) if before else None, noise_um=noise_um,
             setup_sigma=setup_sigma, returns=returns, starts=starts, seed=seed, pool=pool, anywhere=False, prove=False,
             progress=lambda message: progress(f"{_words(kind)}: {message}"),
         )  # fmt: skip
