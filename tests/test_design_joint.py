@@ -201,6 +201,7 @@ def test_an_earlier_campaign_counts() -> None:
             ["--instrument", "r_test,ball_bar", "--minutes", "20", "--points", "30"],
             "--points has no use in a plan with several instruments",
         ),
+        (["--instrument", "r_test,ball_bar", "--minutes", "20", "--setups", "0"], "setups = 0"),
         (["--instrument", "r_test,laser", "--minutes", "20"], 'no instrument "laser"'),
     ],
 )

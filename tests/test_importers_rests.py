@@ -96,6 +96,22 @@ def test_a_rest_that_is_no_pose_is_left_over() -> None:
     assert matched.missing == () and matched.unused == 1 and "no pose of the plan: 1" in str(matched)
 
 
+def test_the_stops_at_the_first_and_the_last_pose_may_take_long() -> None:
+    """The ball is seated and set to zero at the first pose, and freed at the last one, for as long as the operator needs."""
+    time, readings = recorded(RUN)
+    began, ended = 137.0 + 1.002 * RUN.time[0], 137.0 + 1.002 * (RUN.time[-1] + DWELL)
+    still = {}
+    for name, values in readings.items():
+        noise = 0.3 * np.random.default_rng(2).standard_normal(len(time))
+        before, after = time < began + 0.2, time > ended - 0.2
+        still[name] = np.where(before, RUN.readings[name][0] + noise, values)
+        still[name] = np.where(after, RUN.readings[name][-1] + noise, still[name])
+    matched = cut_at_rests(MACHINE, RUN, time, still, dwell_s=DWELL)
+    assert matched.missing == () and matched.unused == 0
+    for name in COLUMNS:
+        assert np.abs(matched.runs[0].readings[name] - RUN.readings[name]).max() < 0.3
+
+
 def test_another_recording_is_refused() -> None:
     time, readings = recorded(RUN)
     half = len(time) // 3

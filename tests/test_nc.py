@@ -225,6 +225,17 @@ def test_no_number_has_more_digits_than_the_control_reads() -> None:
         assert written.max() > 1000.0 and np.abs(ends[:, None] - written).min(axis=1).max() < 6e-5
 
 
+def test_the_tool_centre_stands_still_in_the_nest() -> None:
+    """Half a last digit: rounded up or down from block to block, it was a way of 0.0001 mm, at F0.002."""
+    machine = preset("table-bc")
+    run = r_test_grid(machine, step_deg=60.0, nests=((80.12345, 0.00005, 100.00005),))[0]
+    stated = replace(run, commands={name: np.round(q, 6) for name, q in run.commands.items()})
+    text = program(machine, stated, "heidenhain", Post(tool_centre_on="M128", tool_centre_off="M129"))
+    seated = text[text.index("SEAT BALL") : text.index("FREE BALL")]
+    assert len({line[: line.index(" B")] for line in re.findall(r"L (X.*)", seated)}) == 1
+    assert min(float(word) for word in re.findall(r" R0 F([\d.]+)$", seated, flags=re.MULTILINE)) > 100.0
+
+
 def test_names_that_are_no_address() -> None:
     odd = replace(RUNS[2][0], name="brackets (and) 100 % ; {name}")
     assert "{" not in program(odd, RUNS[2][1], "iso")

@@ -27,7 +27,7 @@ from symfive.design._joint_certificate import (
 )
 from symfive.design._minutes import GAP, Mix
 from symfive.design._plan import Plan, plan
-from symfive.design._request import check_minutes
+from symfive.design._request import MOST, check_counts, check_minutes
 from symfive.design._schedule import SETUP_S
 from symfive.design._write import SCHEMA, Written, driven, write_joint
 from symfive.errors import InputError
@@ -124,7 +124,7 @@ def plan_together(
 ) -> JointPlan:  # fmt: skip
     """The plan that makes the uncertainty of what is sought smallest in so many `minutes`, set-up of every mounting included.
 
-    `setups` mountings at most, of all instruments (default: 2 of each, 3 of a ball bar); poses that would lower the variance by
+    `setups` mountings at most, of all instruments (default: 2 for each, 3 for a ball bar); poses that would lower the variance by
     less than 1 % are not read. `instruments` that may be used; those that the machine cannot use, and those that gain nothing,
     are left out. `certify`: the plan is compared with all mixes of them in the same minutes with as many mountings, circles of
     a ball bar included (up to a minute). `criterion`, `for_`, `given`, `noise_um`, `setup_sigma`, `returns`, `starts`, `seed` and
@@ -134,6 +134,7 @@ def plan_together(
     """
     machine = machine_given(machine)
     check_minutes(minutes)
+    check_counts(machine, {"setups": setups, "returns": returns, "starts": starts})
     if unknown := next((name for name in instruments if name not in INSTRUMENTS), None):
         raise InputError(f'there is no instrument "{unknown}" to plan with', remedy=f"use {', '.join(INSTRUMENTS)}")
     earlier = None if given is None else campaign_given(given)
@@ -158,7 +159,7 @@ def plan_together(
         before = [*([] if earlier is None else [earlier]), *(part.campaign for part in others)]
         return plan(
             machine, instrument=kind, criterion=criterion, for_=wanted, minutes=min(share, minutes), setups=count,
-            points=max(2, poses), given=merged(before) if before else None, noise_um=noise_um,
+            points=min(max(2, poses), MOST["points"]), given=merged(before) if before else None, noise_um=noise_um,
             setup_sigma=setup_sigma, returns=returns, starts=starts, seed=seed, pool=pool, anywhere=False, prove=False,
             progress=lambda message: progress(f"{_words(kind)}: {message}"),
         )  # fmt: skip

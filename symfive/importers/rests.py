@@ -1,9 +1,10 @@
 """A continuous recording over a whole static run: cut at its rests, which are matched with the poses of the plan.
 
-A rest is where all readings stand: their spread in a window is not above what the quietest twentieth of the recording has. Which
-rest is which pose is decided by time: between two rests passes what the plan says, within `SLACK_S` and `SLACK`, whatever the
-clocks' offset; a pose may have no rest (its move shook on, the ball left the nest), a rest no pose (a stop by hand). The
-assignment with the least sum of mismatches and of what is left over is found by dynamic programming.
+A rest is where all readings stand: their spread in a window is not above what the quietest twentieth of the recording has.
+Which rest is which pose is decided by time: from the end of one rest to the start of another passes what the plan says, within
+`SLACK_S` and `SLACK`, whatever the clocks' offset and however long the program waits for the operator at the first pose; a pose
+may have no rest (its move shook on, the ball left the nest), a rest no pose (a stop by hand). The assignment with the least sum
+of mismatches and of what is left over is found by dynamic programming.
 """
 
 from __future__ import annotations
@@ -203,7 +204,7 @@ def cut_at_rests(
     reach = 1e3 * machine.workspace.stroke(bar=run.length is not None)
     table = np.stack([readings[name] for name in names], axis=1)
     rests = rests_of(np.asarray(time, dtype=float), table, dwell_s=dwell_s, reach_um=reach)
-    pairs, *others = _assigned(run, [rest.start for rest in rests])
+    pairs, *others = _assigned(run, rests, dwell_s)
     if 2 * len(pairs) < run.rows:
         problem = (
             f"run {run.id}: {len(rests)} rests in the recording, {len(pairs)} of {run.rows} poses found by their times"
@@ -232,17 +233,17 @@ def cut_at_rests(
     return Matched(tuple(found), lost, alone, len(rests), len(rests) - len(pairs))
 
 
-def _assigned(run: Run, starts: Sequence[float]) -> list[dict[int, int]]:
+def _assigned(run: Run, rests: Sequence[Rest], dwell_s: float) -> list[dict[int, int]]:
     """Row → rest, the best assignment first, then those as good that say another row of the same rest."""
-    rows, count = run.rows, len(starts)
+    rows, count = run.rows, len(rests)
     cost = np.full((count, rows), np.inf)
     before = np.full((count, rows, 2), -1)
     for i in range(count):
         cost[i] = REST_COST * i + POSE_COST * np.arange(rows)
         for a in range(max(0, i - MOST_LEFT - 1), i):
-            passed = starts[i] - starts[a]
+            passed = rests[i].start - rests[a].end
             for skipped in range(min(MOST_LEFT, rows - 1) + 1):
-                planned = run.time[skipped + 1 :] - run.time[: rows - skipped - 1]
+                planned = np.maximum(run.time[skipped + 1 :] - run.time[: rows - skipped - 1] - dwell_s, 0.0)
                 off = np.abs(passed - planned) / (SLACK_S + SLACK * planned)
                 more = cost[a, : rows - skipped - 1] + off**2 + REST_COST * (i - a - 1) + POSE_COST * skipped
                 more[off > 1.0] = np.inf

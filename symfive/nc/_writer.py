@@ -337,6 +337,9 @@ class Writer:
     def _words(self, commands: Mapping[str, float], place: Array) -> dict[str, float]:
         words = {name: sign * commands[name] for name, sign in self.signs.items()}
         if self.centred:
+            nest = np.asarray(self.run.table_ball)
+            if not self.bar and np.abs(place - nest).max() < STANDSTILL:
+                place = nest  # a last digit that changes would be a move of the tool's centre, with a feed of its own
             words |= {axis: float(place[i]) for i, axis in enumerate("XYZ") if axis in words}
         return words
 

@@ -97,7 +97,7 @@ class GCode:
             (block.g if letter == "G" else block.m).append(re.sub(r"^0+(?=\d)", "", value))
         elif letter in "XYZABCUVW" and not (letter in "XU" and "4" in block.g):
             block.axes[letter] = float(value)
-            self.control.decimals = max(self.control.decimals, len(value.partition(".")[2]))
+            self.control.wrote(value)
         elif letter not in "NO":
             block.other[letter] = float(value)
         return " "

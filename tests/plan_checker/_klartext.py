@@ -87,7 +87,7 @@ class Klartext:
         kind, rest = code.split(" ", 1)
         words = {("I" if i else "") + axis: float(value) for i, axis, value in AXIS.findall(rest)}
         for _, _, value in AXIS.findall(rest):
-            control.decimals = max(control.decimals, len(value.partition(".")[2]))
+            control.wrote(value)
         rest = AXIS.sub(" ", rest)
         if kind == "CC":
             self.centre = words
