@@ -62,10 +62,7 @@ def _tempered(posterior: Posterior, energy: float, nodes: Array, kappa2: float) 
     moments, power = posterior.moments, 1.0 / (1.0 + 0.5 * energy)
     if energy < 2.0 * NEGLIGIBLE:
         return posterior
-    coarse = replace(
-        moments, gram=moments.gram * (power / kappa2), rows=None, const=np.zeros_like(moments.const), log_prior=nodes
-    )
-    found = explore(coarse, range(moments.held))
+    found = explore(moments.tempered(power / kappa2, nodes), range(moments.held))
     held = held_by(moments)
 
     def tempered(subset: Subset, mass: float) -> float:
