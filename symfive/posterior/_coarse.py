@@ -52,7 +52,7 @@ def coarsened(posterior: Posterior, unnamed: Collection[int] = ()) -> Posterior:
     if doubt == 0.0:
         return usual
     white = np.where(np.arange(len(moments.nodes)) == 0, 0.0, -np.inf)
-    slow = moments.count * evidence.kappa2 * node.size**2
+    slow = moments.count * node.size**2
     other = _tempered(posterior, energy + SHARE**2 * slow, white, evidence.kappa2)
     return replace(posterior, mass=_mixed([(usual, 1.0 - doubt), (other, doubt)]))
 
