@@ -36,6 +36,7 @@ OPTIONS: dict[str, tuple[str | None, dict[str, object]]] = {
     "force_delay": ("X", {}),
     "force_friction": ("X", {}),
     "force_ripple": ("X", {"period": 10.0}),
+    "force_vibration": ("X", {"frequency_hz": 7.0}),
     "gravity_torque": ("B", {}),
     "load_inertia": ("B", {}),
     "load_moment": ("Y", {}),

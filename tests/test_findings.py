@@ -44,7 +44,7 @@ def _found(names: tuple[tuple[str, str | None], ...], elsewhere: bool) -> tuple[
     here, evidence = expanded(amend(before, *shifts), [Form(effect=effect) for effect in shifts], stated)
     moments = moments_about(here, stated)
     held = tuple((t, nearest_width(1.0)) for t in range(moments.held))
-    verdicts = [Verdict(t, names, 0.99, {}, (), False) for t in range(moments.held)]
+    verdicts = [Verdict(t, names, 0.99, {}, (), (), False) for t in range(moments.held)]
     return findings_of(
         Posterior(moments, {held: evidence}), here, before, verdicts, locate(before, exclude=others)
     ), here

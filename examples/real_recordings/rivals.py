@@ -51,9 +51,9 @@ def best_rival(fit: Identification, campaign: Campaign, split: Split, unit: str)
     """The name of the regression that predicts the held-out readings of a unit best on top of the plain fit, and their rms."""
     model, values = over_whole(fit, campaign, split)
     residual = {run.id: model.readings(run) - model.predict_run(run, values) for run in campaign.runs}
+    problem = Problem.of(model)
     left = dict.fromkeys(RIVALS, 0.0)
     count = 0
-    problem = Problem.of(model)
     set_up = [run.id for run in campaign.runs if any(map(run.owns, model.parameters))]
     names: dict[str, list[tuple[Run, int]]] = {}
     for run in campaign.runs:
@@ -63,9 +63,9 @@ def best_rival(fit: Identification, campaign: Campaign, split: Split, unit: str)
                 if columns[k].unit == unit:
                     names.setdefault(columns[k].name, []).append((run, k))
     for each in names.values():
-        known = _rows(campaign, fit.residuals, [(run, k) for run, k in each if split.learn(run).any()])
+        known = _rows(campaign, fit.residuals, problem, [(run, k) for run, k in each if split.learn(run).any()])
         others = [(run, k) for run, k in each if not split.learn(run).any()]
-        asked = _rows(campaign, residual, others)
+        asked = _rows(campaign, residual, problem, others)
         zeros = [number for number, (run, _) in enumerate(others) if run.id in set_up]
         count += len(asked.left)
         for name, regression in RIVALS.items():
@@ -89,7 +89,8 @@ def _predicted(regression: Regression, known: Rows, asked: Rows) -> Array:
     return regression(first, known.left, second)
 
 
-def _rows(campaign: Campaign, residual: Mapping[str, Array], each: list[tuple[Run, int]]) -> Rows:
+def _rows(campaign: Campaign, residual: Mapping[str, Array], problem: Problem, each: list[tuple[Run, int]]) -> Rows:
+    """Of the readings that count."""
     axes = moving(campaign)
     width = 4 * len(axes)
     coordinates, near, left, numbers = [np.zeros((0, width))], [np.zeros((0, width * len(LAGS)))], [np.zeros(0)], [0]
@@ -99,10 +100,11 @@ def _rows(campaign: Campaign, residual: Mapping[str, Array], each: list[tuple[Ru
         )
         at = np.arange(run.rows)
         shifted = [own[np.clip(at + lag, 0, run.rows - 1)] * run.dynamic for lag in LAGS]
-        coordinates.append(own)
-        near.append(np.hstack(shifted))
-        left.append(residual[run.id][:, k])
-        numbers += [number] * run.rows
+        counted = ~problem.undetermined[run.id][:, k]
+        coordinates.append(own[counted])
+        near.append(np.hstack(shifted)[counted])
+        left.append(residual[run.id][counted, k])
+        numbers += [number] * int(counted.sum())
     return Rows(np.vstack(coordinates), np.vstack(near), np.concatenate(left), np.array(numbers[1:], dtype=np.int64))
 
 

@@ -111,8 +111,9 @@ def _held_out_rows(result: Identification) -> float:
         values, _ = gauss_newton(problem, result.values, 1e-2)
         residual = problem.residuals_at(values)[run.id]
         for part in (part for _, part in problem.parts(run) if problem.unit_of(run, part) == unit):
-            squares += float(np.sum(residual[rows][:, part] ** 2))
-            count += residual[rows][:, part].size
+            counted = residual[rows][:, part][~problem.undetermined[run.id][rows][:, part]]
+            squares += float(np.sum(counted**2))
+            count += counted.size
     return float(np.sqrt(squares / max(count, 1)))
 
 
@@ -120,7 +121,7 @@ def _part(
     result: Identification, ids: Sequence[str], effects: Sequence[Effect], known: Mapping[str, float]
 ) -> tuple[dict[str, float], list[Array]]:
     """Some of the runs fitted under the noise of the whole fit, what is `known` held: values by name, and the residuals of all
-    readings that have the unit of the fit's rms."""
+    readings that count and have the unit of the fit's rms."""
     part = result.model.campaign.select(*ids)
     model = Model(part, [e for e in effects if any(e.applies(run) for run in part.runs)])
     noises = {key: noise for key, noise in result.noises.items() if key[0] in ids}
@@ -131,7 +132,7 @@ def _part(
     values, _ = gauss_newton(problem, model.vector({n: v for n, v in start.items() if n in model.index}), 1e-2)
     residuals, unit = problem.residuals_at(values), result.file_unit
     return model.named(values), [
-        residuals[run.id][:, columns]
+        residuals[run.id][:, columns][~problem.undetermined[run.id][:, columns]]
         for run in part.runs
         for _, columns in problem.parts(run)
         if problem.unit_of(run, columns) == unit

@@ -19,17 +19,13 @@ from symfive.effects import Effect, Quantity
 from symfive.identify import Identification, identify
 from symfive.model import Model
 from symfive.posterior import (
-    SAME,
     Expansion,
     Name,
     Posterior,
     Subset,
     Verdict,
     laws_apart,
-    log_evidence,
     refitted,
-    solution,
-    widths_of,
 )
 from symfive.threads import one_thread
 
@@ -220,7 +216,7 @@ def _finding(
         for who, chance in verdict.rivals.items()
         if chance > LISTED and who != first
     ]
-    alias = dict.fromkeys(terms[t].effect.key for t in (*verdict.alias, *_other_forms(posterior, verdict.term)))
+    alias = dict.fromkeys(terms[t].effect.key for t in (*verdict.alias, *verdict.components))
 
     def sizes(one: Effect) -> Mapping[str, Quantity]:
         return one.describe(campaign, stated.named, _covariance(stated, one))
@@ -262,26 +258,6 @@ def _log_nothing(posterior: Posterior, term: int) -> float:
     ]
     every = list(posterior.mass.values())
     return float((logsumexp(nothing) if nothing else min(every)) - logsumexp(every))
-
-
-def _other_forms(posterior: Posterior, term: int) -> list[int]:
-    """Forms of the same name, as other components, that give what the readings see of a term but for χ² of 4, by amplitudes of
-    their widest prior."""
-    moments, terms = posterior.moments, posterior.moments.terms
-    held = _most_probable(posterior, frozenset(range(moments.held)))
-    evidence = log_evidence(moments, held)
-    gram, own = moments.gram[evidence.node] / evidence.kappa2, moments.columns[term]
-    at, x = own.where[own.amplitude], solution(moments, held, evidence)[term][own.amplitude]
-    found = []
-    for number, (other, columns) in enumerate(zip(terms, moments.columns, strict=True)):
-        if other.name == terms[term].name and terms[term].differs(other):
-            there = columns.where[columns.amplitude]
-            seen = gram[np.ix_(there, at)] @ x
-            widest = widths_of(moments, number)[-1]
-            given = seen @ np.linalg.solve(gram[np.ix_(there, there)] + np.eye(len(there)) / widest**2, seen)
-            if x @ gram[np.ix_(at, at)] @ x - given < 2.0 * SAME:
-                found.append(number)
-    return found
 
 
 def _component(posterior: Posterior, name: Name) -> str | None:

@@ -122,8 +122,9 @@ def _square(model: Model, values: Array, which: Mapping[str, Rows], unit: str) -
         columns = model.columns(run)
         sensed = (k for _, part in problem.parts(run) for k in range(*part.indices(len(columns))))
         shown = [k for k in sensed if columns[k].unit == unit]
-        if which[run.id].any() and shown:
-            residual = residuals[run.id][which[run.id]][:, shown]
+        if shown:
+            counted = which[run.id][:, None] & ~problem.undetermined[run.id][:, shown]
+            residual = residuals[run.id][:, shown][counted]
             square, count = square + float(np.sum(residual**2)), count + residual.size
     return square, count
 

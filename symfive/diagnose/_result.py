@@ -162,13 +162,15 @@ def _excluded(fit: Identification) -> dict[str, Any]:
 
 
 def mean_square(result: Identification, outliers: tuple[Outlier, ...]) -> float:
-    """Of the residuals, without these readings."""
-    total, count = 0.0, 0
+    """Of the residuals that count, without these readings."""
+    never, total, count = result.problem().undetermined, 0.0, 0
     for run, residual in result.residuals.items():
+        counted = ~never[run]
         names = [column.name for column in result.model.columns(run)]
-        out = sum(float(residual[o.row, names.index(o.column)]) ** 2 for o in outliers if o.run == run)
-        total += float(np.sum(residual**2)) - out
-        count += residual.size - sum(o.run == run for o in outliers)
+        for outlier in (each for each in outliers if each.run == run):
+            counted[outlier.row, names.index(outlier.column)] = False
+        total += float(np.sum(residual[counted] ** 2))
+        count += int(counted.sum())
     return total / max(count, 1)
 
 

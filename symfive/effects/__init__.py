@@ -24,6 +24,7 @@ from symfive.effects.following_lag import FollowingLag
 from symfive.effects.force_delay import ForceDelay
 from symfive.effects.force_friction import ForceFriction
 from symfive.effects.force_ripple import ForceRipple
+from symfive.effects.force_vibration import ForceVibration
 from symfive.effects.friction import Friction
 from symfive.effects.gravity_sag import GravitySag
 from symfive.effects.gravity_torque import GravityTorque
@@ -83,6 +84,7 @@ _TABLE: tuple[type[Effect], ...] = (
     ForceFriction,
     ForceDelay,
     ForceRipple,
+    ForceVibration,
     GravityTorque,
     LoadInertia,
     SensorLowPass,

@@ -19,6 +19,7 @@ from symfive.identify._result import Identification
 from symfive.identify._tension import tension_notes
 from symfive.identify._wiring import wiring_doubts
 from symfive.inference import Noise, Problem, confounded_combinations, data_rank, solve, square_of
+from symfive.instruments import INSTRUMENTS
 from symfive.model import Model
 from symfive.threads import one_thread
 
@@ -115,6 +116,9 @@ def summarise(
     spent = float(np.trace(covariance[inner] @ information.matrix[inner]))
     declared, rms, rms_kept = _squares(problem, residuals)
     dof = max(information.count - spent, 1.0)
+    runs = model.campaign.runs
+    remarks = (INSTRUMENTS[name].remark(run, model.machine) for run in runs for name, _ in problem.parts(run))
+    notes = (*notes, *filter(None, remarks))
     if not converged:
         notes = (*notes, "the fit did not converge; the values are the best found and their uncertainties may be wrong")
     if information.count <= spent:
@@ -157,13 +161,14 @@ def _squares(problem: Problem, residuals: Mapping[str, Array]) -> tuple[float, d
         for name, part in problem.parts(run):
             residual, left_out = residuals[run.id][:, part], problem.left_out[run.id][:, part]
             square = square_of(residual, left_out)
-            whole = square_of(residual, np.zeros_like(left_out)) if left_out.any() else square
+            never = problem.undetermined[run.id][:, part]
+            whole = square_of(residual, never) if left_out.any() else square
             declared += square / problem.noises[run.id, name].declared ** 2
             unit = problem.unit_of(run, part)
-            for sums, part_square, out in ((every, whole, 0), (kept, square, int(left_out.sum()))):
+            for sums, part_square, out in ((every, whole, never), (kept, square, left_out)):
                 entry = sums.setdefault(unit, [0.0, 0.0])
                 entry[0] += part_square
-                entry[1] += left_out.size - out
+                entry[1] += out.size - int(out.sum())
     return declared, _root_means(every), _root_means(kept)
 
 

@@ -46,6 +46,7 @@ class Problem:
     free: Flags
     noises: dict[Key, Noise] = field(default_factory=dict)
     left_out: dict[str, Flags] = field(default_factory=dict)
+    undetermined: dict[str, Flags] = field(default_factory=dict)
     outliers: list[Outlier] = field(default_factory=list)
     repeats: tuple[tuple[str, ...], ...] = ()
     _margins: dict[str, int] = field(default_factory=dict, repr=False)
@@ -55,13 +56,17 @@ class Problem:
     def of(
         cls, model: Model, free: Flags | None = None, noises: Mapping[tuple[str, str], Noise] | None = None
     ) -> Problem:
-        """The problem with declared white noise and no outliers."""
+        """The problem with declared white noise and no outliers; readings that no parameter determines are left out."""
         problem = cls(model, np.ones(len(model.parameters), dtype=bool) if free is None else free)
         for run in model.campaign.runs:
             for instrument in instruments_of(run):
                 declared = run.noise(instrument.name)
                 problem.noises[run.id, instrument.name] = Noise(declared, declared=declared)
-            problem.left_out[run.id] = np.zeros((run.rows, len(model.columns(run))), dtype=bool)
+            rows = [
+                (i.undetermined(run, model.machine), len(i.columns(run, model.machine))) for i in instruments_of(run)
+            ]
+            problem.undetermined[run.id] = np.concatenate([np.tile(r[:, None], ny) for r, ny in rows], axis=1)
+            problem.left_out[run.id] = problem.undetermined[run.id].copy()
         problem.noises.update(noises or {})
         return problem
 
@@ -89,7 +94,7 @@ class Problem:
     def readings(self) -> int:
         """Number of readings that are fitted, outliers included."""
         runs = self.model.campaign.runs
-        return sum(run.rows * (part.stop - part.start) for run in runs for _, part in self.parts(run))
+        return sum(int(np.sum(~self.undetermined[run.id][:, part])) for run in runs for _, part in self.parts(run))
 
     def blocks(self, values: Array, *, readings: bool = True) -> dict[Key, Block]:
         """Residuals and sensitivities of every run and instrument at `values`, all rows."""
@@ -333,7 +338,7 @@ class Problem:
             for row, j in np.argwhere(short & (np.abs(over) > 1.0)).tolist():
                 beyond.setdefault((key, row, j), float(over[row, j]) * limit)
         places = {(run.id, n): part.start for run in self.model.campaign.runs for n, part in self.parts(run)}
-        fresh = {run: np.zeros(mask.shape, dtype=bool) for run, mask in self.left_out.items()}
+        fresh = {run: mask.copy() for run, mask in self.undetermined.items()}
         outliers: list[Outlier] = []
         for (key, row, j), sigmas in sorted(beyond.items()):
             place = places[key] + j

@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, ClassVar
 
+import numpy as np
+
+from symfive.arrays import Flags
 from symfive.errors import InputError
 from symfive.parameters import Parameter
 from symfive.runs import Column
@@ -78,6 +81,14 @@ class Instrument:
     def zeroed(self, run: Run) -> bool:
         """Whether its readings may be set to zero at any pose, because the zero is an unknown of the run."""
         return True
+
+    def undetermined(self, run: Run, machine: Machine) -> Flags:
+        """Rows (N,) of which no parameter determines the readings, so that these count nowhere."""
+        return np.zeros(run.rows, dtype=bool)
+
+    def remark(self, run: Run, machine: Machine) -> str:
+        """What a fit says of such rows in a run; nothing where there are none."""
+        return ""
 
     def reading(self, row: Row, run: Run) -> list[Symbol]:
         """The readings in internal units, one per column."""

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy.ndimage import binary_dilation
 
-from symfive.arrays import Array
+from symfive.arrays import Array, Flags
 from symfive.errors import InputError
 from symfive.instruments._base import Instrument
 from symfive.parameters import Parameter
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from symfive.row import Row
     from symfive.runs import Run
 
+IGNORED = "ignored"
 TERMS = ("mass", "viscous", "coulomb", "offset")
 ORDER = 4
 FINER = 10
@@ -86,7 +88,7 @@ class DriveForce(Instrument):
     The run names the axis; `force_terms` lists which of the four terms the baseline holds (default all). Units: kg and
     N s/m for a linear axis, kg m² and Nm s/rad for a rotary one. Within the velocity resolution `v_rest` (mm/s or
     degree/s, default 0.1) the friction force is not determined by the direction of motion and passes linearly
-    through 0.
+    through 0; with `at_rest = "ignored"` readings at rest between motions do not count.
 
     With `motion_from = "encoder"` and `low_pass_hz` both force and encoder in the file have passed `low_pass` at that
     frequency; the direction of motion then passes it too.
@@ -136,6 +138,31 @@ class DriveForce(Instrument):
     def constants(self, run: Run, machine: Machine) -> dict[str, float]:
         rest = float(run.options.get("v_rest", 0.1))
         return {"v_rest": rest * machine.axes[run.options["axis"]].to_internal}
+
+    def undetermined(self, run: Run, machine: Machine) -> Flags:
+        rests = self._rests(run, machine)
+        return rests if run.options.get("at_rest") == IGNORED else np.zeros_like(rests)
+
+    def remark(self, run: Run, machine: Machine) -> str:
+        count = int(self._rests(run, machine).sum())
+        if run.options.get("at_rest") == IGNORED:
+            return f"run {run.id}: {count} readings at rest are not counted" if count else ""
+        what = f'at rest, where friction may hold any force up to its level; at_rest = "{IGNORED}" leaves them out'
+        return f"run {run.id}: {count} of {run.rows} readings of the drive force were taken {what}" if count else ""
+
+    def _rests(self, run: Run, machine: Machine) -> Flags:
+        """Rest between motions (N,): both ends of each interval in which the axis moves less than `v_rest` allows, and as far as
+        the low-pass carries them (1/`low_pass_hz`). A recording at rest as a whole has none: it reads what the axis holds."""
+        axis = machine.axes[run.options["axis"]]
+        position = run.commands[axis.name]
+        if run.options.get("motion_from") == "encoder":
+            position = run.readings.get(f"{axis.name}_act_{axis.unit}", position)
+        rests = np.abs(np.diff(position)) < float(run.options.get("v_rest", 0.1)) * np.diff(run.time)
+        if rests.all() or not rests.any():
+            return np.zeros(run.rows, dtype=bool)
+        rows = np.append(rests, False) | np.append(False, rests)
+        reach = int(1.0 / (float(run.options.get("low_pass_hz", np.inf)) * run.interval))
+        return np.asarray(binary_dilation(rows, iterations=reach)) if reach else rows
 
     def signals(self, run: Run, machine: Machine) -> tuple[Signal, ...]:
         from symfive.motion import Acceleration, Velocity

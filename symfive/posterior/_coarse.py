@@ -52,7 +52,7 @@ def coarsened(posterior: Posterior, unnamed: Collection[int] = ()) -> Posterior:
     if doubt == 0.0:
         return usual
     white = np.where(np.arange(len(moments.nodes)) == 0, 0.0, -np.inf)
-    slow = moments.count * evidence.kappa2 * node.size**2
+    slow = moments.count * node.size**2
     other = _tempered(posterior, energy + SHARE**2 * slow, white, evidence.kappa2)
     return replace(posterior, mass=_mixed([(usual, 1.0 - doubt), (other, doubt)]))
 
@@ -62,10 +62,7 @@ def _tempered(posterior: Posterior, energy: float, nodes: Array, kappa2: float) 
     moments, power = posterior.moments, 1.0 / (1.0 + 0.5 * energy)
     if energy < 2.0 * NEGLIGIBLE:
         return posterior
-    coarse = replace(
-        moments, gram=moments.gram * (power / kappa2), rows=None, const=np.zeros_like(moments.const), log_prior=nodes
-    )
-    found = explore(coarse, range(moments.held))
+    found = explore(moments.tempered(power / kappa2, nodes), range(moments.held))
     held = held_by(moments)
 
     def tempered(subset: Subset, mass: float) -> float:

@@ -29,7 +29,7 @@ SAME = 2.0
 
 
 UNNAMED: Name = (Unknown.id, None)
-Covered = Callable[[int, tuple[int, ...]], float]
+Covered = Callable[[int, tuple[int, ...]], tuple[float, float]]
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,8 @@ class Verdict:
     none: unknown.
 
     `probability` of the first name (of unknown: that something acts there), `rivals` the probabilities of all others, `alias` the
-    terms that cannot be distinguished from it in these readings, `by_experience` whether only their priors put it first.
+    terms that cannot be distinguished from it in these readings, `components` those of its own name that explain what it does,
+    `by_experience` whether only their priors put it first.
     """
 
     term: int
@@ -46,6 +47,7 @@ class Verdict:
     probability: float
     rivals: Mapping[Name, float]
     alias: tuple[int, ...]
+    components: tuple[int, ...]
     by_experience: bool
 
     @property
@@ -104,7 +106,9 @@ def _verdict(
     first = stated[0] if stated else (own if unidentified else UNNAMED)
     probability = shares[first] if stated else acts
     rivals = {name: share for name, share in shares.items() if name != first}
-    return Verdict(term, stated, probability, rivals, alias, alone)
+    others = (t for t, each in enumerate(terms) if each.name == own and terms[term].differs(each))
+    components = tuple(t for t in others if covered(term, (t,))[1] < 2.0 * SAME)
+    return Verdict(term, stated, probability, rivals, alias, components, alone)
 
 
 def _shares(posterior: Posterior, held: frozenset[int], term: int, covered: Covered) -> tuple[dict[Name, float], float]:
@@ -122,7 +126,7 @@ def _shares(posterior: Posterior, held: frozenset[int], term: int, covered: Cove
         lacking, places = [t for t in held if terms[t].name not in names], dict[Name, float]()
         for name in names - known:
             by = tuple(t for t in sorted(subset) if terms[t].name == name)
-            places[name] = covered(term, by) / max(covered(t, by) for t in lacking)
+            places[name] = _share(covered(term, by)) / max(_share(covered(t, by)) for t in lacking)
         total = sum(places.values())
         for name, place in places.items():
             shares[name] = shares.get(name, 0.0) + weight * place / max(1.0, total)
@@ -131,23 +135,30 @@ def _shares(posterior: Posterior, held: frozenset[int], term: int, covered: Cove
 
 
 def _covered(posterior: Posterior) -> Covered:
-    """Which share of what a member explains some terms can explain, however large."""
+    """How much energy, in units of the noise, of what a member adds to the readings some terms can explain, however large, and
+    how much they cannot."""
     moments = posterior.moments
     members = held_by(moments)
     evidence = log_evidence(moments, members)
-    gram, parts = moments.gram[evidence.node] / evidence.kappa2, added(moments, members, evidence)
+    gram = moments.about(()).gram[evidence.node] / evidence.kappa2
+    parts = added(moments, members, evidence)
 
     @cache
-    def covered(member: int, by: tuple[int, ...]) -> float:
+    def covered(member: int, by: tuple[int, ...]) -> tuple[float, float]:
         where = [moments.columns[t].where[moments.columns[t].amplitude] for t in by]
         least = [np.full(len(own), widths_of(moments, t)[-1] ** -2.0) for t, own in zip(by, where, strict=True)]
         at = np.concatenate(where)
         seen = gram[at] @ parts[member]
-        given = seen @ np.linalg.solve(gram[np.ix_(at, at)] + np.diag(np.concatenate(least)), seen)
-        tiny = float(np.finfo(np.float64).tiny)
-        return max(float(given / max(parts[member] @ gram @ parts[member], tiny)), tiny)
+        given = float(seen @ np.linalg.solve(gram[np.ix_(at, at)] + np.diag(np.concatenate(least)), seen))
+        return given, float(parts[member] @ gram @ parts[member]) - given
 
     return covered
+
+
+def _share(covered: tuple[float, float]) -> float:
+    """The share of what a member explains that other terms can explain too."""
+    tiny = float(np.finfo(np.float64).tiny)
+    return max(covered[0] / max(sum(covered), tiny), tiny)
 
 
 def _alias(posterior: Posterior, held: frozenset[int], term: int) -> tuple[tuple[int, ...], bool]:

@@ -93,6 +93,7 @@ def equations(moments: Moments, members: Iterable[Selected], blocks: Blocks = ()
     """Of one subset, with the discrepancies `blocks` of its terms, orthogonal to these: by what its best amplitudes explain a law
     is not off (M. Plumlee 2017)."""
     members = tuple(members)
+    moments = moments.about(members)
     target = np.zeros(moments.size)
     target[-1] = 1.0
     columns, scale, departure = [np.zeros(0, dtype=np.int64)], [np.zeros(0)], [np.zeros(0)]
@@ -139,7 +140,7 @@ def beside(
 ) -> tuple[Array, Array, Array]:
     """What further `columns` (k,) find beside a subset under a noise scale: the eigenvalues of their information once the subset
     is eliminated, `power` (J, r), their slope (J, r) along its eigenvectors, and what the subset leaves, `left` (J,)."""
-    s = equations(moments, members)
+    s, moments = equations(moments, members), moments.about(members)
     x = np.linalg.solve(s.h + kappa2 * np.eye(len(s.d)), s.g[:, :, None])[:, :, 0]
     left = s.q + np.einsum("ji,jik,jk->j", x, s.h, x) - 2.0 * np.sum(x * s.g, axis=1)
     if moments.rows is not None:  # there are fewer of them than columns
@@ -227,7 +228,7 @@ def _by_member(moments: Moments, members: Sequence[Selected], x: Array) -> list[
 
 def explained(moments: Moments, members: Sequence[Selected], evidence: LogEvidence) -> list[float]:
     """The energy of what each member adds to the readings behind set-up and geometry, in units of the noise that fits best."""
-    gram = moments.gram[evidence.node] / evidence.kappa2
+    gram = moments.about(members).gram[evidence.node] / evidence.kappa2
     return [float(own @ gram @ own) for own in added(moments, members, evidence)]
 
 

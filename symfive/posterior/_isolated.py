@@ -78,12 +78,14 @@ class _Rows:
         members = [(tables.columns[t] if t < held else next(order), width) for t, width in subset]
         departure = np.concatenate([tables.departure, *(m.departure for m, _ in members)])
         shared, setups, every, outliers = list[Array](), list[Array](), list[Array](), list[Outlier]()
+        lacking = held > sum(t < held for t, _ in subset)
         for run, table in zip(fit.model.campaign.runs, tables, strict=True):
-            whole = np.zeros((*table.rows.shape[:2], tables.size))
-            whole[:, :, table.where] = table.rows[:, :, table.setup :]
+            rows = table.alone if lacking and table.alone is not None else table.rows
+            whole = np.zeros((*rows.shape[:2], tables.size))
+            whole[:, :, table.where] = rows[:, :, table.setup :]
             own = [whole[:, :, m.where] * np.where(m.amplitude, width, 1.0) for m, width in members]
             columns = np.concatenate([whole[:, :, : tables.geometry], *own], axis=2)
-            setup = table.rows[:, :, : table.setup]
+            setup = rows[:, :, : table.setup]
             y = whole[:, :, -1] - sum(whole[:, :, m.exact] for m, _ in members if m.exact >= 0)
             y += setup @ table.departure + columns @ departure
             kept = tables.kept(run)

@@ -7,8 +7,8 @@ eliminated from the sum (priors included).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -19,7 +19,7 @@ from symfive.effects import Form
 from symfive.identify import Identification
 from symfive.posterior._eliminate import Total, eliminated, eliminated_rows
 from symfive.posterior._noise import EXACT_ROWS, Node, grams, nodes_of, whitened
-from symfive.posterior._tables import Tables
+from symfive.posterior._tables import Table, Tables
 from symfive.posterior._terms import Term, terms_of
 
 __all__ = ["Alike", "Columns", "Moments", "moments_of"]
@@ -68,7 +68,8 @@ class Moments:
 
     `terms`: those that are held by the fit come first (`held` of them). `blocks`: the number of the unidentified term that is a
     named one's discrepancy, -1 where there is none; `raw` (m, m) the Gram matrix under white noise before anything is eliminated;
-    `rows` (J, r, m), of which `gram` is the product, where they are fewer than the columns.
+    `rows` (J, r, m), of which `gram` is the product, where they are fewer than the columns. `alone`: the same with the slopes of
+    fresh terms without what the fit holds, None where there are none.
     """
 
     fit: Identification
@@ -83,6 +84,19 @@ class Moments:
     blocks: tuple[int, ...]
     raw: Array
     rows: Array | None = None
+    alone: Moments | None = None
+
+    def about(self, members: Iterable[tuple[int, float]]) -> Moments:
+        """The moments that hold for a subset: if it lacks what the fit holds, terms have no slope that they owe to that."""
+        if self.alone is None or sum(number < self.held for number, _ in members) == self.held:
+            return self
+        return self.alone
+
+    def tempered(self, factor: float, log_prior: Array) -> Moments:
+        """All Gram matrices times a factor, under noise whose nodes are so probable."""
+        alone = self.alone.tempered(factor, log_prior) if self.alone is not None else None
+        const = np.zeros_like(self.const)
+        return replace(self, gram=self.gram * factor, rows=None, const=const, log_prior=log_prior, alone=alone)
 
     @cached_property
     def alike(self) -> tuple[Alike, ...]:
@@ -117,22 +131,13 @@ def moments_of(fit: Identification, held: Sequence[Form], fresh: Sequence[Form])
     readings = sum(run.rows * len(fit.model.columns(run)) for run in runs)
     nodes = nodes_of(max(map(_recorded, runs)), min(run.interval for run in runs), readings)
     tables = Tables(fit, [form.effect for form in held], fresh)
-    total, raw = Total(len(nodes), tables.size), Total(1, tables.size)
+    total, alone, raw = (Total(number, tables.size) for number in (len(nodes), len(nodes), 1))
     const, count = np.zeros(len(nodes)), 0
     for table in tables:
-        rows, columns, size = table.rows.shape
+        const += _summed(table, table.rows, nodes, total, raw)
         count += table.count
-        if rows < EXACT_ROWS and rows * columns < size:
-            white, logs = whitened(table.rows, table.interval, nodes)
-            raw.add_rows(white[:1, :, table.setup :], table.where)
-            white, more = eliminated_rows(white, table.setup, table.departure)
-            total.add_rows(white, table.where)
-        else:
-            white, logs = grams(table.rows, table.interval, nodes)
-            raw.add(white[:1, table.setup :, table.setup :], table.where)
-            white, more = eliminated(white, table.setup, table.departure)
-            total.add(white, table.where)
-        const += logs + more
+        if table.alone is not None:
+            _summed(table, table.alone, nodes, alone)
     gram, few, logs = total.without(tables.geometry, tables.departure)
     first = tables.geometry
     columns = tuple(
@@ -143,9 +148,31 @@ def moments_of(fit: Identification, held: Sequence[Form], fresh: Sequence[Form])
     terms = terms_of([*held, *fresh])
     whole, _, _ = raw.without(0, np.zeros(0))
     blocks = _blocks(terms, columns)
-    return Moments(
-        fit, terms, columns, len(held), nodes, gram, const + logs, prior, count, blocks, whole[0, first:, first:], few
-    )
+    whole = whole[0, first:, first:]
+    found = Moments(fit, terms, columns, len(held), nodes, gram, const + logs, prior, count, blocks, whole, few)
+    if not tables.alone:
+        return found
+    gram, few, _ = alone.without(tables.geometry, tables.departure)
+    return replace(found, alone=replace(found, gram=gram, rows=few))
+
+
+def _summed(table: Table, rows: Array, nodes: Sequence[Node], total: Total, raw: Total | None = None) -> Array:
+    """Adds the moments of a run's `rows`, its set-up eliminated, to a `total`, and under white noise, with nothing eliminated, to
+    `raw`; what they add to `const` (J,)."""
+    count, columns, size = rows.shape
+    if count < EXACT_ROWS and count * columns < size:
+        white, logs = whitened(rows, table.interval, nodes)
+        if raw:
+            raw.add_rows(white[:1, :, table.setup :], table.where)
+        white, more = eliminated_rows(white, table.setup, table.departure)
+        total.add_rows(white, table.where)
+    else:
+        white, logs = grams(rows, table.interval, nodes)
+        if raw:
+            raw.add(white[:1, table.setup :, table.setup :], table.where)
+        white, more = eliminated(white, table.setup, table.departure)
+        total.add(white, table.where)
+    return logs + more
 
 
 def _recorded(run: Run) -> float:

@@ -58,7 +58,7 @@ class Sweep:
     @classmethod
     def of(cls, moments: Moments, members: Sequence[Selected], blocks: Blocks = ()) -> Sweep:
         """Of a subset and its discrepancies."""
-        s = equations(moments, members, blocks)
+        moments, s = moments.about(members), equations(moments, members, blocks)
         return cls(moments, s, Turned.of(s), moments.gram[:, :, s.aim] @ s.weights)
 
     def best(self, chosen: Sequence[int]) -> tuple[Array, list[float]]:

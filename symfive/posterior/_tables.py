@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,9 +21,11 @@ __all__ = ["Placed", "Table", "Tables"]
 @dataclass(frozen=True)
 class Table:
     """One run: `rows` (N, ny, s + k) in declared noise, first the `setup` s columns, then those that stand at `where` (k,) in the
-    whole; `departure` (s,) of the set-up from its prior mean, in 1σ; `count` of readings."""
+    whole; `departure` (s,) of the set-up from its prior mean, in 1σ; `count` of readings; `alone` the rows with the fresh terms'
+    slopes without what the fit holds, None where there are none."""
 
     rows: Array
+    alone: Array | None
     interval: float
     setup: int
     where: Indices
@@ -58,12 +60,13 @@ def smoothed(model: Model, run: Run, values: Array) -> Linearisation:
 
 
 class Distant:
-    """An effect that may join a fit, looked at where it is of some size: its slopes there, and the rest of what it adds."""
+    """An effect that may join a fit (`alone`: without the effects that the fit holds), looked at where it is of some size: its
+    slopes there, and the rest of what it adds."""
 
-    def __init__(self, fit: Identification, form: Form) -> None:
+    def __init__(self, fit: Identification, form: Form, *, alone: bool = False) -> None:
         campaign = fit.model.campaign
-        self._model = Model(campaign, (*fit.model.added, form.effect))
-        self._at = self._model.vector({**fit.named, **form.at})
+        self._model = Model(campaign, (form.effect,) if alone else (*fit.model.added, form.effect))
+        self._at = self._model.vector(_known(self._model, {**fit.named, **form.at}))
         self._own = own_parameters(form.effect, campaign)
         self._sizes = {p.name for p in form.effect.amplitudes(campaign)}
         self._values = self._model.named(self._at)
@@ -97,7 +100,8 @@ class Tables:
     """The tables of a fit, run by run: [geometry | held terms | fresh terms | exact contributions | residual].
 
     Physical terms are linearised by the model together; an unidentified one is a channel's tangent times its functions,
-    compressed to the directions that the readings see.
+    compressed to the directions that the readings see. What slope a fresh term has beside a held one may be owed to that (a
+    latency moves spikes in time), so all have one without what is held too.
     """
 
     def __init__(self, fit: Identification, held: Sequence[Effect], fresh: Sequence[Form]) -> None:
@@ -115,11 +119,13 @@ class Tables:
         common = [effect for effect in others if effect not in lone]
         groups = [group for group in ([*common, *probes(channels)], *freeing, lone) if group]
         self._models = [fit.model, *(Model(campaign, (*fit.model.added, *group)) for group in groups)]
+        alone = [Model(campaign, group) for group in groups] if held and physical else []
         values = [fit.named] * len(self._models)
         # where a recording begins has a slope only in an effect that acts: of usual size
         starting = [effect for effect in others if any(effect.starts(run) for run in campaign.runs)]
         if starting:
             self._models.append(Model(campaign, (*fit.model.added, *starting)))
+            alone += [Model(campaign, starting)] if alone else []
             typical = {name: size for effect in starting for name, size in effect.typical(campaign).items()}
             values.append({**typical, **fit.named})
         self._started = {p.name for effect in starting for p in starts_of(effect, campaign)}
@@ -138,7 +144,15 @@ class Tables:
                         for run in campaign.runs}  # fmt: skip
         self._lines = {run.id: [smoothed(model, run, model.vector(at)) for model, at in zip(self._models, values, strict=True)]
                        for run in campaign.runs}  # fmt: skip
+        self.alone = alone
+        at = [model.vector(_known(model, own)) for model, own in zip(alone, values[1:], strict=False)]
+        self._alone_lines = {run.id: [smoothed(model, run, own) for model, own in zip(alone, at, strict=True)]
+                             for run in campaign.runs}  # fmt: skip
         self._distant = {id(form): Distant(fit, form) for form in fresh if form.at}
+        self._distant_alone = [Distant(fit, form, alone=True) for form in fresh if form.at and alone]
+        plain = Model(campaign)
+        start = plain.vector(_known(plain, fit.named))
+        self._plain = {run.id: plain.predict_run(run, start) for run in campaign.runs if self._distant_alone}
         self._tangents = self._compressed([form for form in fresh if form.basis is not None])
         self.columns = self._placed(held, fresh)
         columns = zip(fresh, self.columns[len(held) :], strict=True)
@@ -243,12 +257,14 @@ class Tables:
         (line, *others), (setup, _) = self._lines[run.id], self._known(run)
         own = [self.fit.parameters[line.columns[k]] for k in setup]
         sigma = [p.sigma for p in own]
-        parts, where = [line.jacobian[:, :, setup] * np.array(sigma)], list[Indices]()
-        for model, table in zip(self._models, (line, *others), strict=True):
-            names = [(k, model.parameters[n].name) for k, n in enumerate(table.columns)]
-            chosen = [(k, *self._place[name]) for k, name in names if name in self._place and self._taken(model, name)]
-            parts.append(table.jacobian[:, :, [k for k, _, _ in chosen]] * np.array([s for _, _, s in chosen]))
-            where.append(np.array([at for _, at, _ in chosen], dtype=np.int64))
+        parts, where, alone = [line.jacobian[:, :, setup] * np.array(sigma)], list[Indices](), list[Array]()
+        for number, (model, table) in enumerate(zip(self._models, (line, *others), strict=True)):
+            names = [model.parameters[n].name for n in table.columns]
+            names = [name for name in names if name in self._place and self._taken(model, name)]
+            where.append(np.array([self._place[name][0] for name in names], dtype=np.int64))
+            parts.append(self._slopes(model, table, names))
+            if self.alone and number:
+                alone.append(self._slopes(self.alone[number - 1], self._alone_lines[run.id][number - 1], names))
         residual = np.array(self.fit.residuals[run.id])
         for effect, placed, given in zip(self._held, self.columns, self._contributions, strict=False):
             residual += given[run.id]
@@ -259,20 +275,35 @@ class Tables:
             functions = effect.functions(run, self.fit.model.campaign)
             parts.append(self._contributions[number][run.id][:, :, None] * functions[:, None, :])
             where.append(at)
+        first = len(parts)
         for distant in self._distant.values():
             parts.append(distant.columns(run, line.prediction))
             where.append(distant.where)
         for form in self._tangents.values():
             parts.append(form.columns(self._models[1], run, others[0]))
             where.append(form.where)
-        rows = self._scaled(run, np.concatenate([*parts, residual[:, :, None]], axis=2))
+        parts.append(residual[:, :, None])
+        rows = self._scaled(run, np.concatenate(parts, axis=2))
+        if alone:
+            parts[2 : 2 + len(alone)] = alone
+            for k, distant in enumerate(self._distant_alone, start=first):
+                parts[k] = distant.columns(run, self._plain[run.id])
         at = np.concatenate([*where, [self.size - 1]])
-        used = np.ones(rows.shape[2], dtype=bool)
-        used[len(setup) :] = np.any(rows[:, :, len(setup) :] != 0.0, axis=(0, 1))
-        used[-1] = True
+        used = np.any(rows != 0.0, axis=(0, 1))
+        used[: len(setup)] = used[-1] = True
+        other = self._scaled(run, np.concatenate(parts, axis=2)[:, :, used]) if alone else None
         departure = np.array([(self.fit[p.name] - p.mean) / p.sigma for p in own])
         count = int(np.sum(self.kept(run)))
-        return Table(rows[:, :, used], run.interval, len(setup), at[used[len(setup) :]], departure, count)
+        return Table(rows[:, :, used], other, run.interval, len(setup), at[used[len(setup) :]], departure, count)
+
+    def _slopes(self, model: Model, line: Linearisation, names: Sequence[str]) -> Array:
+        """The slopes of a run in parameters by name (N, ny, names), times their prior 1σ; none in those that move nothing."""
+        place = {model.parameters[number].name: k for k, number in enumerate(line.columns)}
+        found = np.zeros((*line.prediction.shape, len(names)))
+        for k, name in enumerate(names):
+            if name in place:
+                found[:, :, k] = line.jacobian[:, :, place[name]] * self._place[name][1]
+        return found
 
     def _taken(self, model: Model, name: str) -> bool:
         """Whether a parameter's column comes from this of the models."""
@@ -288,6 +319,11 @@ class Tables:
             if p.name in place and p.name not in self._stopped:
                 total += line.jacobian[:, :, place[p.name]] * (self.fit[p.name] - p.mean)
         return total
+
+
+def _known(model: Model, values: Mapping[str, float]) -> dict[str, float]:
+    """What of some values are parameters of a model."""
+    return {name: value for name, value in values.items() if name in model.index}
 
 
 def _disjoint(effects: Sequence[Effect]) -> list[list[Effect]]:

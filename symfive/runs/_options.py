@@ -50,6 +50,7 @@ def _touches(value: Any) -> bool:
 
 
 OPTIONS: dict[str, tuple[Callable[[Any], bool], str]] = {
+    "at_rest": (lambda value: value == "ignored", '"ignored"'),
     "axis": (_text, '"X"'),
     "between": (lambda value: value in ("line", "curve"), '"curve"'),
     "directions": (_touches, "[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]"),

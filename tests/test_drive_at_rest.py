@@ -1,0 +1,104 @@
+"""A drive that stands between its motions: friction holds it there with any force up to its level.
+
+Force and motion are written by Newton's law; no part of symfive writes them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from symfive.campaign import Campaign, Run
+from symfive.diagnose import diagnose
+from symfive.effects import make_effect
+from symfive.identify import identify
+from symfive.machine import Machine, Structure, make_axis
+
+RATE, NOISE = 125.0, 0.3
+MASS, VISCOUS, COULOMB, OFFSET = 95.0, 200.0, 20.0, -3.0
+
+
+def motion() -> tuple[np.ndarray, np.ndarray]:
+    """Time (N,) s and position (N,) mm: moves of 0.8 s to and fro (polynomials of order 7), 0.5 s of rest after
+    each."""
+    goals = np.tile([0.0, 200.0, 40.0, 160.0, 10.0, 120.0], 3)
+    time = np.arange(int(1.3 * (len(goals) - 1) * RATE)) / RATE
+    number = np.minimum((time / 1.3).astype(int), len(goals) - 2)
+    x = np.minimum((time - 1.3 * number) / 0.8, 1.0)
+    share = x**4 * (35.0 - 84.0 * x + 70.0 * x**2 - 20.0 * x**3)
+    return time, goals[number] + share * (goals[number + 1] - goals[number])
+
+
+def recorded(seed: int = 0, periodic: tuple[float, float] = (0.0, 1.0), **more: str) -> Campaign:
+    """Drive force and encoder of one axis, `more` options; `periodic`: amplitude N and frequency Hz of a force in time that the
+    drive holds."""
+    rng = np.random.default_rng(seed)
+    time, position = motion()
+    speed = np.gradient(position, time)
+    force = MASS * 1e-3 * np.gradient(speed, time) + VISCOUS * 1e-3 * speed + COULOMB * np.sign(speed) + OFFSET
+    rests = np.abs(speed) < 1e-9
+    stands = np.cumsum(np.diff(rests.astype(int), prepend=0) == 1)
+    held = rng.uniform(-COULOMB, COULOMB, stands.max() + 1)  # what friction holds in each rest
+    force = np.where(rests, held[stands], force) + periodic[0] * np.sin(2.0 * np.pi * periodic[1] * time + 0.4)
+    run = Run(
+        id="moves", instrument=("encoder", "drive_force"), sampling="dynamic", time=time, commands={"X": position},
+        readings={"X_act_mm": position, "X_force_N": force + NOISE * rng.standard_normal(len(time))},
+        noise_um={"encoder": 1e-4, "drive_force": NOISE},
+        options={"axis": "X", "encoder_axes": ["X"], "motion_from": "encoder"} | more,
+    )  # fmt: skip
+    machine = Machine(
+        name="axis", structure=Structure.parse("w b X t"), axes={"X": make_axis("X", travel=(-50.0, 350.0))}, errors={}
+    )
+    return Campaign(machine=machine, runs=(run,))
+
+
+def test_what_friction_holds_at_rest_may_count_nowhere() -> None:
+    campaign = recorded(at_rest="ignored")
+    fit = identify(campaign)
+    true = {"mass": MASS, "viscous": VISCOUS, "coulomb": COULOMB, "offset": OFFSET}
+    for name, value in true.items():
+        assert fit[f"drive_force.X.{name}"] == pytest.approx(value, rel=0.01)
+    assert fit.chi2_dof < 2.0 and not fit.outliers
+    speed = np.abs(np.gradient(campaign.runs[0].commands["X"], campaign.runs[0].time))
+    (note,) = (note for note in fit.notes if "at rest" in note)
+    assert abs(int(note.split()[2]) - int(np.sum(speed < 0.1))) <= 2 * 17
+    counted = identify(recorded())
+    assert counted.chi2_dof > 100.0
+    assert any('at_rest = "ignored" leaves them out' in note for note in counted.notes)
+
+
+def test_a_drive_that_only_holds_reads_what_it_holds() -> None:
+    run = recorded().runs[0]
+    still = np.full(run.rows, 20.0)
+    rng = np.random.default_rng(1)
+    rests = replace(
+        run, commands={"X": still},
+        readings={"X_act_mm": still, "X_force_N": OFFSET + NOISE * rng.standard_normal(run.rows)},
+    )  # fmt: skip
+    fit = identify(Campaign(machine=recorded().machine, runs=(rests,)))
+    assert fit["drive_force.X.offset"] == pytest.approx(OFFSET, abs=0.1)
+    assert not [note for note in fit.notes if "at rest" in note]
+
+
+def test_rest_is_no_fault_of_a_drive() -> None:
+    assert not diagnose(recorded(seed=2, at_rest="ignored")).findings
+
+
+def test_a_periodic_force_in_time_is_a_vibration_with_its_frequency() -> None:
+    (found,) = diagnose(recorded(seed=3, periodic=(1.5, 7.3), at_rest="ignored")).findings
+    assert (found.name, found.axis) == ("vibration", "X") and found.confidence > 0.9
+    assert found.parameters["frequency_hz"].value == pytest.approx(7.3, abs=0.01)
+    amplitude = found.parameters["amplitude"]
+    assert amplitude.unit == "N" and amplitude.value == pytest.approx(1.5, abs=4.0 * float(amplitude.std))
+
+
+def test_a_force_vibration_needs_a_drives_force() -> None:
+    effect = make_effect("force_vibration", "X", frequency_hz=7.3).prepare(recorded())
+    assert effect.applies(recorded().runs[0])
+    bare = replace(recorded().runs[0], instrument=("encoder",), options={}, readings={}, noise_um={"encoder": 1.0})
+    with pytest.raises(Exception, match="no run records the drive force of X"):
+        make_effect("force_vibration", "X", frequency_hz=7.3).prepare(
+            Campaign(machine=recorded().machine, runs=(bare,))
+        )
