@@ -6,8 +6,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.ndimage import binary_dilation
-
 from symfive.arrays import Array, Flags
 from symfive.errors import InputError
 from symfive.instruments._base import Instrument
@@ -162,7 +160,7 @@ class DriveForce(Instrument):
             return np.zeros(run.rows, dtype=bool)
         rows = np.append(rests, False) | np.append(False, rests)
         reach = int(1.0 / (float(run.options.get("low_pass_hz", np.inf)) * run.interval))
-        return np.asarray(binary_dilation(rows, iterations=reach)) if reach else rows
+        return np.asarray(np.convolve(rows, np.ones(2 * reach + 1), "same") > 0.0)
 
     def signals(self, run: Run, machine: Machine) -> tuple[Signal, ...]:
         from symfive.motion import Acceleration, Velocity
