@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
 from symfive.arrays import Array, Flags
 from symfive.errors import InputError
 from symfive.instruments._base import Instrument
