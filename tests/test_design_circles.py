@@ -1,4 +1,4 @@
-"""Circles: chosen from lists, and a refinement that is never worse than the list."""
+"""Circles: paths as the procedures make them, exact derivatives, and a refinement that is never worse than the list."""
 
 from __future__ import annotations
 
@@ -14,11 +14,16 @@ import pytest
 from pages import HOSTILE, Page
 
 from symfive import design
-from symfive.campaign import read_campaign
-from symfive.design import Sheet, circle_information, setup_sheet
+from symfive.campaign import Campaign, Run, read_campaign
+from symfive.design import FAMILIES, CircleShape, Sheet, circle_information, setup_sheet
+from symfive.design._circles import typical_values  # exact derivatives against differences need all three
+from symfive.design._moved_run import MovedRun
+from symfive.design._paths import circle_runs, make_path
 from symfive.effects import make_effect
 from symfive.errors import InputError
 from symfive.machine import preset
+from symfive.model import Model
+from symfive.motion import drive_response, moved_response
 from symfive.nc import Post
 from symfive.procedures import campaign_of, cone_circle, linear_positioning, planar_circle, rotary_circle
 from tests.plan_checker import check
@@ -29,6 +34,107 @@ MACHINE = preset("tsutsumi-2007")
 LEAN = replace(MACHINE, errors={n: MACHINE.errors[n] for n in ("EC0Y", "EX0C", "EY0C")}, text="")
 DRIVE = [make_effect("servo_mismatch", "C", gains=("position_gain", "velocity_gain")), make_effect("backlash", "C")]
 OF_X = [make_effect("servo_mismatch", "X", gains=("position_gain",)), make_effect("backlash", "X")]
+INSIDE = {"ratio": 0.8, "radius": 50.0, "feed": 1400.0, "height": 80.0}
+OUTSIDE = {"ratio": 1.25, "radius": 50.0, "feed": 1400.0, "height": 80.0}
+PLANAR = {"radius": 50.0, "feed": 2000.0, "x": 10.0, "y": -5.0, "z": 90.0}
+CASES = [
+    ("synchronous", INSIDE, DRIVE, "ccw"),
+    ("synchronous", OUTSIDE, DRIVE, "cw"),
+    ("planar", PLANAR, OF_X, "ccw"),
+]
+NAMES = ["X_T < r", "X_T > r", "planar"]
+
+
+def test_motion_of_a_drive_moves_with_the_path() -> None:
+    gains = {"position_gain": 40.0, "velocity_gain": 35.0, "integral_time": 0.05, "viscous": 0.2, "feedforward": 0.3}
+    wanted = ("position_gain", "feedforward", "integral_time")
+    share = np.arange(200) / 199.0
+
+    def path(v: np.ndarray) -> tuple[np.ndarray, float]:
+        return v[1] * np.sin(6.0 * share * v[1]) + v[0] * share**2 + 0.3 * v[1], 0.02 * v[0]
+
+    v = np.array([1.0, 0.9])
+    moved = np.stack(
+        [share**2, np.sin(6.0 * share * v[1]) + 6.0 * v[1] * share * np.cos(6.0 * share * v[1]) + 0.3], axis=1
+    )
+    motion, slopes = moved_response(*_first(path(v), moved), np.array([0.02, 0.0]), gains, wanted)
+    assert motion == pytest.approx(drive_response(*path(v), gains, wanted), rel=1e-9, abs=1e-9)
+    for j, step in enumerate(1e-5 * np.eye(2)):
+        apart = drive_response(*path(v + step), gains, wanted) - drive_response(*path(v - step), gains, wanted)
+        size = np.abs(slopes[..., j]).max(axis=0)
+        assert np.all(np.abs(apart / 2e-5 - slopes[..., j]).max(axis=0) <= 1e-6 * size + 1e-9)
+
+
+def _first(path: tuple[np.ndarray, float], moved: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+    return path[0], moved, path[1]
+
+
+@pytest.mark.parametrize("name", ["table-bc", "nutating-table", "mixed-bc", "tsutsumi-2007", "three-axis", "head-bc"])
+def test_a_path_is_the_procedures_path(name: str) -> None:
+    machine = preset(name)
+    turning = name not in ("three-axis", "head-bc")
+    shapes = [CircleShape(family="planar", values=PLANAR)]
+    shapes += [CircleShape(family="synchronous", values=v | {"feed": 400.0}) for v in (INSIDE, OUTSIDE) if turning]
+    for shape in shapes:
+        for run, sense in zip(circle_runs(machine, shape, noise_um=0.3, rate_hz=20.0), ("ccw", "cw"), strict=True):
+            path = make_path(machine, shape, sense)
+            setting, _ = path.setup(shape.vector)
+            shares = (run.time / setting[4])[None, :]
+            commands = path.rows.map(run.rows)(np.repeat(shape.vector[:, None], run.rows, axis=1), shares)[0]
+            wanted = np.stack([run.commands[n] * machine.axes[n].to_internal for n in machine.axis_names])
+            assert np.asarray(commands) == pytest.approx(wanted, abs=1e-9)
+            assert setting[:4] == pytest.approx([*run.table_ball, run.length])
+
+
+def _moved(family: str, values: dict[str, float], effects: list, direction: str) -> tuple[MovedRun, CircleShape, Model]:
+    shape = CircleShape(family=family, values=values, direction=direction)
+    runs = circle_runs(LEAN, shape, noise_um=0.3, rate_hz=25.0)
+    model = Model(Campaign(machine=LEAN, runs=runs), effects)
+    path = make_path(LEAN, shape, direction)
+    return MovedRun(model, runs[0], path, typical_values(model), 25.0), shape, model
+
+
+def _at_its_rows(moved: MovedRun, shape: CircleShape) -> Run:
+    """The run recorded at N rows over the whole path instead of at the recorder's rate."""
+    commands, _ = moved.path.at(shape.vector, moved.rows)
+    interval = moved.path.setup(shape.vector)[0][4] / (moved.rows - 1)
+    scaled = {n: commands[:, i] / LEAN.axes[n].to_internal for i, n in enumerate(LEAN.axis_names)}
+    return replace(moved.run, id=moved.run.id, time=interval * np.arange(moved.rows), commands=scaled)
+
+
+@pytest.mark.parametrize(("family", "values", "effects", "direction"), CASES, ids=NAMES)
+def test_slopes_of_the_sensitivities_against_central_differences(
+    family: str, values: dict[str, float], effects: list, direction: str
+) -> None:
+    """The readings' Jacobian and the weights of the rows, by every variable of the path, against differences of values."""
+    moved, shape, model = _moved(family, values, effects, direction)
+    J, slopes, weight, weight_slopes = moved.sensitivities(shape.vector)
+    line = model.linearise(_at_its_rows(moved, shape), typical_values(model))
+    wanted = line.jacobian / model.noise(moved.run)[:, None]
+    assert moved.index.tolist() == line.columns.tolist()
+    assert np.abs(J - wanted).max() <= 1e-7 * np.abs(wanted).max()
+    for j, name in enumerate(FAMILIES[family]):
+        step = np.zeros(len(shape.vector))
+        step[j] = 1e-6 * max(abs(shape.values[name]), 10.0)
+        upper, lower = (moved.sensitivities(shape.vector + sign * step) for sign in (1.0, -1.0))
+        for i, exact in ((0, slopes[..., j]), (2, weight_slopes[:, j])):
+            difference = (upper[i] - lower[i]) / (2.0 * step[j])
+            assert np.abs(difference - exact).max() <= 2e-5 * np.abs(exact).max() + 1e-6, name
+    assert weight.sum() == pytest.approx(moved.rows, rel=0.01)
+
+
+def test_slope_of_the_information_holds_across_reversals() -> None:
+    """Over a stretch in which the reversals of C pass several rows, the slopes' sum is the change of what is told of the play."""
+    moved, shape, model = _moved("synchronous", OUTSIDE, DRIVE[1:], "ccw")
+    shared = [p.name for p in model.parameters if p.kind != "setup"]
+    i = shared.index("backlash.C.width")
+    low, high, steps = 1.22, 1.28, 40
+    rest = shape.vector[1:]
+    middles = low + (high - low) * (np.arange(steps) + 0.5) / steps
+    slopes = [moved.information(np.array([u, *rest]))[1][0, i, i] for u in middles]
+    ends = [moved.information(np.array([u, *rest]))[0][i, i] for u in (low, high)]
+    assert ends[1] > 1.2 * ends[0]
+    assert np.mean(slopes) * (high - low) == pytest.approx(ends[1] - ends[0], rel=0.1)
 
 
 def test_refined_circles_are_better_and_keep_the_limits() -> None:
@@ -147,14 +253,12 @@ def test_circles_that_cannot_be(options: dict, says: str) -> None:
     assert says in str(caught.value)
 
 
-@pytest.mark.parametrize("free", [("ratio", "feed"), ("feed",)])
-def test_circles_for_friction_are_refined_too(free: tuple[str, ...]) -> None:
-    options = {"count": 1, "ratios": (1.1, 1.5), "feeds": (600.0, 1200.0), "rate_hz": 20.0, "free": free}
-    found = plan_circles(LEAN, [make_effect("friction", "C")], **options)
-    assert found.value < found.grid_value
-    (circle,), listed = found.circles, [c.shape.values for c in found.considered]
-    assert circle.shape.values not in listed and 600.0 <= circle.feed <= 1200.0 and 1.1 <= circle.ratio <= 1.5
-    assert "ratio" in free or circle.ratio in (1.1, 1.5)
+def test_effects_without_a_derivative_are_chosen_from_the_list() -> None:
+    found = plan_circles(
+        LEAN, [make_effect("friction", "C")], count=1, ratios=(0.5, 1.2), feeds=(800.0,), rate_hz=20.0, certify=False
+    )
+    assert found.value == found.grid_value
+    assert "are not refined; choose among the circles given" in found.notes[0]
 
 
 def test_a_plan_of_circles_says_units_repeats_and_what_it_cannot_see() -> None:

@@ -10,13 +10,15 @@ import numpy as np
 
 
 class Oracle(ca.Callback):
-    """Inputs and outputs by name with their sparsities; `compute` makes the outputs' nonzeros (by columns) of the inputs'."""
+    """Inputs and outputs by name with their sparsities; `compute` makes the outputs' nonzeros (column by column) of the inputs';
+    `jacobian`, where one is needed, has the inputs and, behind them, the outputs as inputs."""
 
     def __init__(
-        self, name: str, inputs: Mapping[str, Any], outputs: Mapping[str, Any], compute: Callable[..., Iterable[Any]]
-    ) -> None:
+        self, name: str, inputs: Mapping[str, Any], outputs: Mapping[str, Any], compute: Callable[..., Iterable[Any]],
+        jacobian: Oracle | None = None,
+    ) -> None:  # fmt: skip
         ca.Callback.__init__(self)
-        self._inputs, self._outputs, self._compute = dict(inputs), dict(outputs), compute
+        self._inputs, self._outputs, self._compute, self._jacobian = dict(inputs), dict(outputs), compute, jacobian
         self.construct(name, {})
 
     def get_n_in(self) -> int:
@@ -36,6 +38,12 @@ class Oracle(ca.Callback):
 
     def get_sparsity_out(self, i: int) -> Any:
         return list(self._outputs.values())[i]
+
+    def has_jacobian(self) -> bool:
+        return self._jacobian is not None
+
+    def get_jacobian(self, name: str, inputs: Any, outputs: Any, options: Any) -> Any:
+        return self._jacobian
 
     def has_eval_buffer(self) -> bool:
         return True

@@ -8,7 +8,7 @@ from symfive.design._assess import Assessment, assess
 from symfive.design._assessment_data import assessment_data
 from symfive.design._candidates import value_of
 from symfive.design._certificate import Certificate, certify
-from symfive.design._circles import FAMILIES, Circle, CircleShape, circle_information
+from symfive.design._circles import Circle, circle_information
 from symfive.design._circular_test import CircularTest, circular_test
 from symfive.design._discriminate import (
     APART,
@@ -24,6 +24,7 @@ from symfive.design._dynamic import CirclePlan, best_ratio, plan_circles
 from symfive.design._joint_certificate import JointCertificate, certify_joint
 from symfive.design._optimise import optimise
 from symfive.design._part import Part
+from symfive.design._paths import FAMILIES, CircleShape
 from symfive.design._plan import Plan, plan
 from symfive.design._request import task_of
 from symfive.design._sheet import Sheet, setup_sheet

@@ -18,8 +18,9 @@ import numpy as np
 
 from symfive.arrays import Array
 from symfive.design._assessment_data import six_digits
-from symfive.design._circles import FAMILIES, Circle, CircleShape, Goal, measured
+from symfive.design._circles import Circle, Goal, measured
 from symfive.design._optimal_weights import GAP, relaxed_bound
+from symfive.design._paths import FAMILIES, CircleShape
 from symfive.effects import Effect
 from symfive.errors import InputError
 from symfive.machine import Machine

@@ -9,9 +9,11 @@ import numpy as np
 
 from symfive.campaign import Campaign
 from symfive.design._assess import assess
-from symfive.design._circles import Circle, CircleShape, limits_met
+from symfive.design._circles import Circle
+from symfive.design._paths import CircleShape, limits_met
 from symfive.design._sweeps import SLOW_S, nuisances, recording_noise
 from symfive.effects import Effect
+from symfive.errors import InputError
 from symfive.machine import Machine
 from symfive.numbers import plain_number, unit_words
 from symfive.parameters import Parameter
@@ -61,7 +63,11 @@ def limit_words(machine: Machine, circles: Sequence[Circle]) -> list[str]:
     """Limits of the machine that keep circles where they are."""
     notes = []
     for i, circle in enumerate(circles):
-        if met := limits_met(machine, circle.runs, AT_LIMIT):
+        try:
+            met = limits_met(machine, circle.shape, AT_LIMIT)
+        except InputError:
+            continue  # no smooth path: it was not refined
+        if met:
             notes.append(f"circle {i + 1} is limited by the machine: {', '.join(met)}")
     return notes
 

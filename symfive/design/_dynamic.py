@@ -32,8 +32,9 @@ from symfive.design._circle_words import (
     slow_noise_words,
     warnings_of,
 )
-from symfive.design._circles import FAMILIES, Circle, CircleShape, Goal, chosen_clear, circle_of_runs, circle_runs
-from symfive.design._refine_circles import refined_circles
+from symfive.design._circles import Circle, Goal, check_clear, chosen_clear, circle_of_runs, measured
+from symfive.design._paths import FAMILIES, CircleShape, circle_runs
+from symfive.design._refine_circles import CircleObjective, refined_shapes
 from symfive.design._request import check_robust
 from symfive.design._write import SCHEMA, Written, write_recordings
 from symfive.effects import Effect
@@ -56,6 +57,11 @@ SLOWEST = 500.0
 """mm/min of the slowest circles where no feeds are given; faster ones double it up to the fastest linear axis."""
 RATE_HZ = 50.0
 DRAWS = 4
+TO_RUN = {"ratio": 1e-4, "radius": 1e-3, "feed": 1.0, "height": 1.0, "x": 1.0, "y": 1.0, "z": 1.0}
+"""To what a refined value is rounded, mm and mm/min."""
+BACK = (1.0, 0.99, 0.97, 0.9, 0.7, 0.4)
+"""Shares of the way from the listed circle to the refined one: the first that the axes can follow is taken."""
+LEAST_GAIN = 1e-6
 
 
 @dataclass(frozen=True, repr=False)
@@ -141,12 +147,18 @@ def plan_circles(
     model = Model(Campaign(machine=machine, runs=circles[0].runs), effects)
     goal = _goal(model, tuple(for_), criterion, robust, per_minute)
     chosen, circles = chosen_clear(machine, goal, circles, count)
-    best = chosen
+    best, notes = chosen, []
     if refine:
-        bounds = _bounds(machine, shapes, free or FREE[family])
-        best = refined_circles(machine, effects, goal, chosen, bounds, noise_um=noise_um, rate_hz=rate_hz, draws=extra)
+        wanted = tuple(free or FREE[family])
+        bounds = _bounds(machine, shapes, wanted)
+        try:
+            objective = CircleObjective(machine, effects, chosen, wanted, bounds, goal, rate_hz)
+        except InputError as error:
+            notes.append(str(error))
+        else:
+            best = _kept(machine, effects, goal, chosen, refined_shapes(objective), noise_um, rate_hz, extra)
     most = {"feed": fastest(machine) or math.inf, "ratio": farthest(machine) / min(radii)}
-    notes = [*limit_words(machine, best), *list_end_words(best, shapes, most)]
+    notes += [*limit_words(machine, best), *list_end_words(best, shapes, most)]
     found = _plan_of(machine, model, goal, effects, circles, chosen, best, notes)
     if not certify:
         return found
@@ -257,6 +269,29 @@ def _bounds(machine: Machine, shapes: Sequence[CircleShape], free: Sequence[str]
     }
 
 
+def _kept(
+    machine: Machine, effects: Sequence[Effect], goal: Goal, chosen: list[Circle], shapes: Sequence[CircleShape],
+    noise_um: float, rate_hz: float, draws: int,
+) -> list[Circle]:  # fmt: skip
+    """The refined circles as they would be run, where they are better than those they came from."""
+    found = []
+    for shape, circle in zip(shapes, chosen, strict=True):
+        start = circle.shape.values
+        for share in BACK:
+            values = {name: start[name] + share * (value - start[name]) for name, value in shape.values.items()}
+            rounded = replace(shape, values={n: round(v / TO_RUN[n]) * TO_RUN[n] for n, v in values.items()})
+            try:
+                refined = measured(machine, effects, rounded, noise_um=noise_um, rate_hz=rate_hz, draws=draws)
+                check_clear(machine, refined.runs)
+                found.append(refined)
+                break
+            except InputError:
+                continue
+        else:
+            return chosen
+    return found if goal.value(found) < goal.value(chosen) - LEAST_GAIN else chosen
+
+
 def _plan_of(
     machine: Machine, model: Model, goal: Goal, effects: Sequence[Effect], circles: Sequence[Circle],
     chosen: list[Circle], best: list[Circle], notes: Sequence[str],
@@ -284,7 +319,7 @@ def best_ratio(
     machine: Machine, effects: Sequence[Effect], parameter: str, *, radius: float, feed: float, low: float, high: float,
     noise_um: float = 0.3,
 ) -> Circle:  # fmt: skip
-    """The ratio X_T/r between `low` and `high` at which `parameter` comes out best (seven places, then between them)."""
+    """The ratio X_T/r between `low` and `high` at which `parameter` comes out best (seven places, then IPOPT)."""
     places = [ratio for ratio in np.linspace(low, high, 7).tolist() if abs(ratio - 1.0) > 1e-9]
     found = plan_circles(
         machine, effects, count=1, radii=(radius,), ratios=places, feeds=(feed,), for_=(parameter,), criterion="A",

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import itertools
+from typing import Any
 
 import numpy as np
+from casadi import fmin
 
 from symfive.arrays import Array
 from symfive.errors import InputError
@@ -29,12 +31,15 @@ CAUTION = 0.5
 """Share of an axis' greatest acceleration that a control uses to get up to a feed."""
 
 
-def ramp_of(machine: Machine, speed: float, radius: float, run_up: float) -> float:
+def ramp_of(machine: Machine, speed: Any, radius: Any, run_up: float) -> Any:
     """Angle, rad, in which a circle of `radius` mm gets up to `speed` rad/s: at the peak of `along` with `CAUTION` of the
-    acceleration that all linear axes have, within `run_up` rad where that is shorter or no acceleration is known."""
+    acceleration that all linear axes have, within `run_up` rad where that is shorter or no acceleration is known.
+
+    `speed` and `radius` are numbers or CasADi expressions.
+    """
     limits = [axis.max_acceleration for axis in machine.axes.values() if not axis.rotary]
     known = [limit for limit in limits if limit is not None]
-    return min(run_up, 0.75 * speed**2 * radius / (CAUTION * min(known))) if known else run_up
+    return fmin(run_up, 0.75 * speed**2 * radius / (CAUTION * min(known))) if known else run_up
 
 
 def along(length: float, speed: float, run_up: float, rate_hz: float) -> tuple[Array, Array]:

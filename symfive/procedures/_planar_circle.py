@@ -112,7 +112,7 @@ def planar_circle(
     runs = []
     for mm_per_min in feeds:
         speed = mm_per_min / 60.0 / size
-        time, way = along(reach, speed, ramp_of(machine, speed, size, run_up), rate_hz)
+        time, way = along(reach, speed, float(ramp_of(machine, speed, size, run_up)), rate_hz)
         for sense in senses(direction):
             phi = first + way if DIRECTIONS[sense] > 0 else first + reach - way
             id = f"{plane.lower()}-{sense}" if len(feeds) == 1 else f"{plane.lower()}-f{mm_per_min:g}-{sense}"
