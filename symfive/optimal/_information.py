@@ -19,9 +19,10 @@ def inverse(matrix: Array) -> Array:
 def marginal(information: Array, kept: Indices) -> Array:
     """Information (m, m) about the parameters `kept` (m,) of those of an information matrix, all others marginalised."""
     others = np.setdiff1d(np.arange(len(information)), kept)
-    cross = information[np.ix_(kept, others)]
-    own = information[np.ix_(kept, kept)]
-    return np.asarray(own - cross @ inverse(information[np.ix_(others, others)]) @ cross.T)
+    own = information[np.ix_(others, others)]
+    scale = 1.0 / np.sqrt(np.diag(own))
+    cross = information[np.ix_(kept, others)] * scale
+    return np.asarray(information[np.ix_(kept, kept)] - cross @ np.linalg.solve(own * np.outer(scale, scale), cross.T))
 
 
 @dataclass(frozen=True)
