@@ -173,7 +173,7 @@ def test_options_of_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixtu
     (run,) = campaign.runs
     assert run.length in (120.0, 200.0) and run.noise_um == 0.5 and run.rows == 2 * 9
     assert tuple(campaign.machine.workspace.bar_lengths) == (120.0, 200.0)
-    text = (tmp_path / "plan" / "nc" / "siemens" / "NEST_1.mpf").read_text()
+    text = (tmp_path / "plan" / "nc" / "siemens" / f"{run.id.upper().replace('-', '_')}.mpf").read_text()
     code = "\n".join(line for line in text.split("\n") if not line.startswith(";"))
     assert code.index("TRAFOOF") < code.index("G0 ") < code.index("TRAORI") < code.rindex("TRAFOOF")
     quick = [

@@ -69,7 +69,7 @@ def _workspace(rng: np.random.Generator, turning: bool) -> Table:
         space |= {
             "post_radius": float(rng.integers(5, 20)),
             "tool_radius": float(rng.integers(3, 12)),
-            "bar_radius": 10.0,
+            "bar_radius": 8.0,
         }
     if rng.random() < (0.15 if turning else 0.5):
         space["table_centre"] = _rounded(rng.normal(0.0, 60.0, 2))
