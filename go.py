@@ -131,8 +131,7 @@ def test(*arguments: str) -> int:
     if "--full" in arguments:
         prepare("dask")  # its tests are skipped where it is missing
     selection = [] if "--full" in arguments else ["-m", FAST]
-    # a module's fixtures are made once; a process more than cores, since one waits for LinuxCNC, whose tests come first
-    workers = ["-n", str((os.cpu_count() or 1) + 1), "--dist", "loadscope", "--no-loadscope-reorder"]
+    workers = ["-n", "auto", "--dist", "loadscope"]  # one process a core, a module's fixtures made once
     return run("-m", "pytest", *workers, *selection, *(word for word in arguments if word != "--full"))
 
 

@@ -9,7 +9,6 @@ from pathlib import Path
 import pytest
 from progress import Progress
 
-WAITS = "test_linuxcnc_loop.py"
 FOLDER = "SYMFIVE_TESTS_CACHE"
 """The environment variable by which the workers know it."""
 
@@ -25,11 +24,6 @@ MADE = FOLDER not in os.environ
 if MADE:
     _own_cache()
 gc.disable()  # until all tests are collected: modules are not garbage
-
-
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Begin with what waits minutes for LinuxCNC and hardly computes: all else runs beside it."""
-    items.sort(key=lambda item: item.path.name != WAITS)
 
 
 @pytest.hookimpl(trylast=True)
