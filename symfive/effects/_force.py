@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, Self
 
 import casadi as ca
 import numpy as np
@@ -11,6 +11,7 @@ import numpy as np
 from symfive.arrays import Array
 from symfive.effects._base import DRIVE, Effect
 from symfive.effects._form import Form, Forms
+from symfive.errors import InputError
 from symfive.instruments.drive_force import DriveForce, driven_axis
 from symfive.kinematics import axis_pose
 from symfive.machine import Machine
@@ -55,6 +56,23 @@ class ForceEffect(Effect):
     @classmethod
     def candidates(cls, campaign: Campaign) -> Forms:
         yield from (Form(effect=cls(axis=axis)) for axis in driven_axes(campaign))
+
+    def force_unit(self, campaign: Campaign) -> str:
+        """The unit of the force of its axis: N, or Nm of a rotary one."""
+        return "Nm" if self.its_axis(campaign).rotary else "N"
+
+
+@dataclass(frozen=True, kw_only=True)
+class SizedForce(ForceEffect):
+    """One whose amplitudes have the prior 1σ `sigma_force`: by default a share of the recorded force's rms."""
+
+    sigma_force: float = 0.0
+
+    def prepare(self, campaign: Campaign) -> Self:
+        prepared = super().prepare(campaign)
+        if not any(map(self.applies, campaign.runs)):
+            raise InputError(f"{self.key}: no run records the drive force of {self.axis}", remedy="record drive_force")
+        return replace(prepared, sigma_force=self.sigma_force or usual_force(campaign, str(self.axis), FORCE_SHARE))
 
 
 def side_of(machine: Machine, axis: str) -> tuple[str, ...]:

@@ -1,9 +1,9 @@
-"""What effects that come back along the way of an axis share: a series of sines in its position."""
+"""What periodic effects share: along the way of an axis a series of sines in its position, in time a tone."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Self
 
@@ -12,6 +12,7 @@ import numpy as np
 
 from symfive.arrays import Array
 from symfive.effects._base import Effect
+from symfive.effects._form import Form, Tone
 from symfive.effects._quantity import Covariance, Quantity, Values, amplitude_and_phase, own_quantity
 from symfive.errors import InputError
 from symfive.motion import Position
@@ -21,6 +22,8 @@ from symfive.runs import Campaign, Run
 
 READINGS = 2.5
 """Readings per cycle, at least (H. Nyquist 1928: 2)."""
+LEAST_CYCLES = 4.0
+"""Cycles of a tone in the longest run, at least: fewer are a cycle over the campaign, not a vibration."""
 CYCLES = 3.0
 """Cycles within its reach from which on an axis shows what comes back."""
 FINER, MANY = 8.0, 500
@@ -87,6 +90,43 @@ class Periodic(Effect):
             amplitude, phase = amplitude_and_phase(sine.name, cosine.name, sine.unit, values, covariance)
             found |= {f"amplitude{end}": amplitude, f"phase{end}": phase}
         return found
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tonal(Effect):
+    """sin·sin(2πft) + cos·cos(2πft), t on the campaign's clock, f near `frequency_hz`."""
+
+    frequency_hz: float
+
+    def prepare(self, campaign: Campaign) -> Self:
+        if not (self.frequency_hz > 0.0 and math.isfinite(self.frequency_hz)):
+            raise InputError(f"{self.key} needs a frequency above 0", remedy="write frequency_hz = …")
+        return super().prepare(campaign)
+
+    @classmethod
+    def tones(cls, runs: Sequence[Run], channel: str, axis: str | None = None) -> Iterator[Tone]:
+        """Where in some runs to look for one."""
+        longest = max((run.duration for run in runs), default=0.0)
+        shortest = max((2.0 * run.interval for run in runs), default=1.0)
+
+        def form(frequency: float, resolution: float, places: int) -> Form:
+            return Form(effect=cls(axis=axis, frequency_hz=frequency), places=places)
+
+        if longest >= LEAST_CYCLES * shortest:
+            yield Tone(
+                channel=channel, axis=axis, coordinate=lambda run: run.start_s + np.asarray(run.time),
+                lowest=LEAST_CYCLES / longest, highest=0.98 / shortest, form=form, runs=tuple(run.id for run in runs),
+            )  # fmt: skip
+
+    def frequency(self, campaign: Campaign) -> Parameter:
+        """f, known to the inverse of the longest run."""
+        span = max([1.0, *(float(run.time[-1] - run.time[0]) for run in campaign.runs if self.applies(run))])
+        return self.own("frequency_hz", "Hz", 1.0 / span, mean=self.frequency_hz, lower=0.5 * self.frequency_hz)
+
+    def sine_and_cosine(self, row: Row) -> tuple[Any, Any]:
+        """Of 2πft at a row."""
+        angle = 2.0 * math.pi * self.parameter(row, "frequency_hz") * row.clock
+        return ca.sin(angle), ca.cos(angle)
 
 
 def reach_and_shortest(runs: Iterable[Run], axis: str) -> tuple[float, float]:

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Self
 
 import casadi as ca
 import numpy as np
 
-from symfive.effects._force import FORCE_SHARE, ForceEffect, driven_axes, usual_force
+from symfive.effects._force import SizedForce, driven_axes
 from symfive.effects._form import FORCE, Form, Forms, Tone
 from symfive.effects._periodic import Periodic, reach_and_shortest
-from symfive.errors import InputError
 from symfive.instruments.drive_force import DriveForce, driven_axis
 from symfive.parameters import Parameter
 from symfive.row import Row
@@ -24,7 +22,7 @@ RICHER = (2, 4)
 
 
 @dataclass(frozen=True, kw_only=True)
-class ForceRipple(Periodic, ForceEffect):
+class ForceRipple(Periodic, SizedForce):
     """F += Σ amplitude_n·sin(2πn·q/period + phase_n), n = 1…`harmonics`, in the recording of an axis' drive force, N or Nm.
 
     `period` (mm or degree) with its 1σ `period_sigma` (0: known and fixed). Prior 1σ of an amplitude `sigma_force`: a share of
@@ -38,13 +36,6 @@ class ForceRipple(Periodic, ForceEffect):
     coordinate = "{axis}"
     reported_as = "transmission_error"
     dynamic_only = True
-    sigma_force: float = 0.0
-
-    def prepare(self, campaign: Campaign) -> Self:
-        prepared = super().prepare(campaign)
-        if not any(map(self.applies, campaign.runs)):
-            raise InputError(f"{self.key}: no run records the drive force of {self.axis}", remedy="record drive_force")
-        return replace(prepared, sigma_force=self.sigma_force or usual_force(campaign, str(self.axis), FORCE_SHARE))
 
     @classmethod
     def candidates(cls, campaign: Campaign) -> Forms:
@@ -63,7 +54,7 @@ class ForceRipple(Periodic, ForceEffect):
                 )  # fmt: skip
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
-        return self.series(campaign, "Nm" if self.its_axis(campaign).rotary else "N", self.sigma_force or 1.0)
+        return self.series(campaign, self.force_unit(campaign), self.sigma_force or 1.0)
 
     def apply(self, row: Row) -> None:
         row.add_reading(DriveForce.name, sum(self.sines(row), ca.SX(0)))

@@ -91,7 +91,7 @@ class LoadInertia(ForceEffect):
         return np.array([1.0 / lever if name.rpartition(".")[2] in FIRST else 1.0 for name in self._moments(machine)])
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
-        unit = "Nm" if self.its_axis(campaign).rotary else "N"
+        unit = self.force_unit(campaign)
         return tuple(self.own(f"{number}", unit, sigma) for number, sigma in enumerate(self.usual, start=1))
 
     def _signals(self, axis: str) -> tuple[Signal, Signal]:

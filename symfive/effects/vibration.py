@@ -6,12 +6,11 @@ import math
 from dataclasses import dataclass
 from typing import Self
 
-import casadi as ca
 import numpy as np
 
 from symfive.arrays import Array
-from symfive.effects._base import Effect
-from symfive.effects._form import TOOL, Form, Forms, Tone
+from symfive.effects._form import TOOL, Forms
+from symfive.effects._periodic import Tonal
 from symfive.effects._quantity import Covariance, Quantity, Values, length_spread, own_quantity, propagate, seen_length
 from symfive.errors import InputError
 from symfive.instruments import instruments_of
@@ -20,12 +19,10 @@ from symfive.row import Row
 from symfive.runs import Campaign, Run
 
 PLACES = ("structure", "reading")
-LEAST_CYCLES = 4.0
-"""Cycles in the longest run, at least: fewer are a cycle over the campaign, not a vibration."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Vibration(Effect):
+class Vibration(Tonal):
     """sin·sin(2πft) + cos·cos(2πft), t on the campaign's clock, f near `frequency_hz`.
 
     `place`: `structure`, a shift of the tool with two amplitudes in each of `directions` of the machine
@@ -40,7 +37,6 @@ class Vibration(Effect):
     coordinate = "t"
     dynamic_only = True
     choices = (("place", PLACES),)
-    frequency_hz: float
     place: str = "structure"
     directions: str = "xyz"
     run: str | None = None
@@ -56,13 +52,12 @@ class Vibration(Effect):
         return self.place
 
     def prepare(self, campaign: Campaign) -> Self:
-        if not (self.frequency_hz > 0.0 and math.isfinite(self.frequency_hz)):
-            raise InputError(f"{self.key} needs a frequency above 0", remedy="write frequency_hz = …")
+        prepared = super().prepare(campaign)
         if not self.directions or any(c not in "xyz" for c in self.directions):
             raise InputError(
                 f"{self.key}: directions {self.directions!r} are unknown", remedy='write "xyz" or some of it'
             )
-        return super().prepare(campaign)
+        return prepared
 
     def applies(self, run: Run) -> bool:
         return run.dynamic and self.run in (None, run.id)
@@ -80,19 +75,7 @@ class Vibration(Effect):
 
     @classmethod
     def candidates(cls, campaign: Campaign) -> Forms:
-        runs = [run for run in campaign.runs if run.dynamic]
-        longest = max((run.duration for run in runs), default=0.0)
-        shortest = max((2.0 * run.interval for run in runs), default=1.0)
-        if longest < LEAST_CYCLES * shortest:
-            return
-
-        def form(frequency: float, resolution: float, places: int) -> Form:
-            return Form(effect=cls(frequency_hz=frequency), places=places)
-
-        yield Tone(
-            channel=TOOL, coordinate=lambda run: run.start_s + run.time, lowest=LEAST_CYCLES / longest,
-            highest=0.98 / shortest, form=form, runs=tuple(run.id for run in runs),
-        )  # fmt: skip
+        yield from cls.tones([run for run in campaign.runs if run.dynamic], TOOL)
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         found = [
@@ -100,13 +83,10 @@ class Vibration(Effect):
             for name, unit in self._channels(campaign).items()
             for part in ("sin", "cos")
         ]
-        span = max([1.0, *(float(run.time[-1] - run.time[0]) for run in campaign.runs if self.applies(run))])
-        frequency = self.own("frequency_hz", "Hz", 1.0 / span, mean=self.frequency_hz, lower=0.5 * self.frequency_hz)
-        return (*found, frequency)
+        return (*found, self.frequency(campaign))
 
     def apply(self, row: Row) -> None:
-        angle = 2.0 * math.pi * self.parameter(row, "frequency_hz") * row.clock
-        sine, cosine = ca.sin(angle), ca.cos(angle)
+        sine, cosine = self.sine_and_cosine(row)
         if self.place == "structure":
             for c in self.directions:
                 row.shift["xyz".index(c)] += (
