@@ -139,8 +139,8 @@ class DriveForce(Instrument):
         return {"v_rest": rest * machine.axes[run.options["axis"]].to_internal}
 
     def undetermined(self, run: Run, machine: Machine) -> Flags:
-        rests = self._rests(run, machine)
-        return rests if run.options.get("at_rest") == IGNORED else np.zeros_like(rests)
+        ignored = run.options.get("at_rest") == IGNORED
+        return self._rests(run, machine) if ignored else super().undetermined(run, machine)
 
     def remark(self, run: Run, machine: Machine) -> str:
         count = int(self._rests(run, machine).sum())
