@@ -1,7 +1,7 @@
 """Decision by expected loss for each member of the most probable subset: name, class, unknown or nothing.
 
 The loss of a report is `WRONG` where the cause is another one, one for every further name in a class (each is one more thing to
-look after), `UNKNOWN` where a cause is there and stays without a name, and `MISSED` where it is there and nothing is said. What
+look after), `UNKNOWN` where a cause is there and stays unidentified, and `MISSED` where it is there and nothing is said. What
 is reported has the least expected loss.
 """
 
