@@ -118,8 +118,8 @@ def refused(space: Space, task: Task, number: int) -> int:
     return len(space.shared)
 
 
-def test_the_first_start_that_fails_says_why(serial: tuple[Space, Task, tuple[bytes, ...], list[str]]) -> None:
-    space, task, _, _ = serial
+def test_the_first_start_that_fails_says_why() -> None:
+    space, task = _sought("r_test", "G")
     with ThreadPoolExecutor(1) as pool:
         assert each(pool, refused, space, task, [(0,)]) == [len(space.shared)]
         for some in (pool, None):

@@ -12,6 +12,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -107,11 +108,11 @@ def world(tmp_path_factory) -> Path:
     root = tmp_path_factory.mktemp("world")
     plan = campaign_of(MACHINE, r_test_grid(MACHINE, step_deg=90.0))
     write_campaign(plan, root / "plan")
-    fits, found, drawn = {}, {}, {}
+    measured, fits, drawn = {}, {}, {}
     for name, seed in (("a", 1), ("b", 2)):
         campaign = simulate(plan, seed=seed).campaign
         write_campaign(campaign, root / name)
-        fits[name], found[name] = identify(campaign), diagnose(campaign)
+        measured[name], fits[name] = campaign, identify(campaign)
         (root / f"model-{name}").mkdir()
         write_model(fitted_model(fits[name]), root / f"model-{name}" / "model.json")
         rows = "".join(f"{angle},{angle % 7 + seed}\n" for angle in range(0, 720, 4))
@@ -125,8 +126,12 @@ def world(tmp_path_factory) -> Path:
     modules = sys.modules
     undo = pytest.MonkeyPatch()
 
-    def read_and(answer: dict[str, Any]) -> Callable[..., Any]:
-        return lambda campaign, **options: answer[campaign.path.name]
+    def read_and(answer: Callable[[str], Any]) -> Callable[..., Any]:
+        return lambda campaign, **options: answer(campaign.path.name)
+
+    @cache
+    def found(name: str) -> Any:
+        return diagnose(measured[name])
 
     search, plans = modules["symfive.design"].plan, dict[int, Any]()
 
@@ -141,8 +146,8 @@ def world(tmp_path_factory) -> Path:
     def rendered(figure: Any, format: str) -> bytes:
         return drawn.setdefault(format, style(figure, format)) if format not in drawn else drawn[format]
 
-    undo.setattr(modules["symfive.identify"], "identify", read_and(fits))
-    undo.setattr(modules["symfive.fleet"], "identify", read_and(fits))
+    undo.setattr(modules["symfive.identify"], "identify", read_and(fits.__getitem__))
+    undo.setattr(modules["symfive.fleet"], "identify", read_and(fits.__getitem__))
     undo.setattr(modules["symfive.diagnose"], "diagnose", read_and(found))
     for module in ("_report", "_page"):
         undo.setattr(modules[f"symfive.report.{module}"], "rendered", rendered)

@@ -5,11 +5,13 @@ import re
 import numpy as np
 import plant
 import pytest
+from lean import location_only
 
 from symfive.campaign import read_campaign
 from symfive.cli import main
 from symfive.errors import InputError
 from symfive.identify import identify
+from symfive.machine import write_machine
 from symfive.model import Model
 
 LOCATION = {
@@ -88,8 +90,9 @@ def test_sensors_in_one_plane_are_refused(tmp_path):
 
 
 def test_a_head_in_the_spindle_is_no_nest(tmp_path, capsys):
+    write_machine(location_only("oyama-2010"), tmp_path / "machine.toml")
     words = ["--frame", "tool", "--points", "6", "--setups", "1", "--starts", "1", "--no-proof", "-q"]
-    assert main(["plan", "oyama-2010", "-o", str(tmp_path / "plan"), *words]) == 0
+    assert main(["plan", str(tmp_path / "machine.toml"), "-o", str(tmp_path / "plan"), *words]) == 0
     pages = [*(tmp_path / "plan").glob("*.html"), *(tmp_path / "plan" / "nc").rglob("*.*")]
     said = capsys.readouterr().out + "".join(
         re.sub(r"(?s)<style.*?</style>|<[^>]*>", " ", path.read_text()) for path in pages
