@@ -35,6 +35,6 @@ def test_a_bar_that_is_longer_than_stated_is_the_bar_s_fault() -> None:
     assert abs(error.value - 25.0) < 3.0 * error.std < 10.0
 
 
-@pytest.mark.parametrize("too_long_um", [0.0, 0.5])
+@pytest.mark.parametrize("too_long_um", [0.5, pytest.param(0.0, marks=pytest.mark.slow)])
 def test_a_bar_within_its_calibration_is_no_fault(too_long_um: float) -> None:
     assert not diagnose(circles(too_long_um)).findings

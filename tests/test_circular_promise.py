@@ -18,7 +18,7 @@ def plan(tmp_path_factory):
     return made, folder
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_squareness_is_as_well_determined_as_promised(plan, seed):
     made, folder = plan
     sigma = made.assessment.sigma

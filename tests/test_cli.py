@@ -102,7 +102,9 @@ def test_check_loads_no_symbolic_mathematics(campaign):
     assert not modules & {"symfive._api", "symfive.model", "symfive.report", "symfive.design"}
 
 
-@pytest.mark.parametrize("campaign", ["static-ball-bar-two-heights", "static-none"])
+@pytest.mark.parametrize(
+    "campaign", ["static-none", pytest.param("static-ball-bar-two-heights", marks=pytest.mark.slow)]
+)
 def test_identify_loads_what_it_uses(tmp_path, campaign):
     """Of SciPy a small campaign needs functions and the simplex search; signal, stats and interpolate alone take a second."""
     words = ["identify", str(CAMPAIGNS / campaign / "fit"), "-o", str(tmp_path / "r"), "--no-figures", "-q"]

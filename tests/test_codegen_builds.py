@@ -25,11 +25,9 @@ LIBM = {"sin", "cos", "sincos", "tan", "asin", "acos", "atan", "atan2", "exp", "
         "ceil", "fmin", "fmax", "sinh", "cosh", "tanh"}  # fmt: skip
 
 
-@pytest.mark.parametrize("precision", ["double", "float"])
-@pytest.mark.parametrize("compiler", COMPILERS)
-@pytest.mark.parametrize("name", ["head-bc"])
-def test_it_compiles_without_a_word_and_passes_its_self_test(compiled, name, compiler, precision) -> None:
-    _compile_and_test(compiled.folder(name), compiler, precision)
+@pytest.mark.parametrize(("compiler", "precision"), [("gcc", "double"), ("clang", "float")])
+def test_it_compiles_without_a_word_and_passes_its_self_test(compiled, compiler, precision) -> None:
+    _compile_and_test(compiled.folder("head-bc"), compiler, precision)
 
 
 @pytest.mark.slow

@@ -28,8 +28,12 @@ CALLS, PATHS = 10**5, 1000
 """In the quick tests; the long run has a thousand and ten times as many."""
 
 
+QUICK = ("three-axis", "table-bc", "mixed-bc")
+"""No rotary axes; both in the table; one in the head."""
+
+
 def cases(names: list[str]) -> list[object]:
-    return [pytest.param(name, marks=pytest.mark.slow) if name in LARGE else name for name in names]
+    return [name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in names]
 
 
 @pytest.fixture(scope="module")

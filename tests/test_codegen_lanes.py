@@ -84,8 +84,11 @@ def built(folder: Path, sources: Path, compiler: str, *flags: str) -> None:
 
 
 @pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="not an x86-64 processor")
-@pytest.mark.parametrize("compiler", ["gcc", "clang"])
-@pytest.mark.parametrize("march", [*SETS, "native"])
+@pytest.mark.parametrize(
+    ("march", "compiler"),
+    [*((march, "gcc") for march in (*SETS, "native")), ("native", "clang"),
+     *(pytest.param(march, "clang", marks=pytest.mark.slow) for march in SETS)],
+)  # fmt: skip
 def test_every_instruction_set_of_x86(tmp_path, sources, expected, compiler, march) -> None:
     built(tmp_path, sources, compiler, f"-march={march}")
     if march in SETS and NEEDED[march] not in cpu_flags():

@@ -90,8 +90,10 @@ def test_a_run_without_indexing_turns_no_spindle(made: Plan) -> None:
     ("known", "index", "name"),
     [
         ({}, False, "the tool ball's run-out (20 µm)"),
-        ({}, True, "the tool's length (20 µm)"),
-        ({"tool_length": 2.0}, True, "the nest's place in the workpiece frame (not known)"),
+        pytest.param({}, True, "the tool's length (20 µm)", marks=pytest.mark.slow),
+        pytest.param(
+            {"tool_length": 2.0}, True, "the nest's place in the workpiece frame (not known)", marks=pytest.mark.slow
+        ),
     ],
 )
 def test_what_dominates_is_named(known: dict[str, float], index: bool, name: str) -> None:

@@ -58,7 +58,9 @@ def _plant_errors(machine: Machine, part: Part, values: Sequence[float]) -> np.n
     return (plant.chain.ball_in_workpiece(chain, q, ball, errors) - plant.chain.ball_in_workpiece(chain, q, ball)) * 1e3
 
 
-@pytest.mark.parametrize("name", FIVE)
+@pytest.mark.parametrize(
+    "name", [name if name == "mixed-bc" else pytest.param(name, marks=pytest.mark.slow) for name in FIVE]
+)
 def test_every_topology_follows_the_parts(name: str, tmp_path: Path) -> None:
     """The tip stands where the words say, and its error is the plant's."""
     machine = preset(name)
@@ -144,24 +146,24 @@ def test_it_is_said_in_plan_json_on_the_sheet_and_on_the_screen(made: Plan, tmp_
         assert words in sheet
 
 
-def test_g_and_v_are_the_worst_and_the_mean_along_the_path(folder: Path) -> None:
+@pytest.mark.parametrize(("criterion", "tolerance"), [("V", 1e-6), pytest.param("G", 0.03, marks=pytest.mark.slow)])
+def test_g_and_v_are_the_worst_and_the_mean_along_the_path(folder: Path, criterion: str, tolerance: float) -> None:
     """ψ of the certificate is twice the logarithm of what is expected along the path; G a p-mean of its typical places."""
-    for criterion, tolerance in (("V", 1e-6), ("G", 0.03)):
-        options = QUICK | {"points": 6, "setups": 1, "returns": 0, "index": False, "criterion": criterion}
-        found = plan(location_only("table-bc"), part=folder / "pocket.ngc", **options)
-        assert found.part is not None
-        expected = found.part.after.expected
-        size = expected.mean if criterion == "V" else expected.worst
-        assert found.certificate.value == pytest.approx(2.0 * math.log(size), abs=tolerance)
+    options = QUICK | {"points": 6, "setups": 1, "returns": 0, "index": False, "criterion": criterion}
+    found = plan(location_only("table-bc"), part=folder / "pocket.ngc", **options)
+    assert found.part is not None
+    expected = found.part.after.expected
+    size = expected.mean if criterion == "V" else expected.worst
+    assert found.certificate.value == pytest.approx(2.0 * math.log(size), abs=tolerance)
 
 
-def test_indexing_is_chosen_where_it_pays(folder: Path) -> None:
+@pytest.mark.parametrize(("sigma", "worth"), [(20.0, True), pytest.param(0.1, False, marks=pytest.mark.slow)])
+def test_indexing_is_chosen_where_it_pays(folder: Path, sigma: float, worth: bool) -> None:
     """The run-out of 20 µm is worth a pose a run, one of 0.1 µm is not."""
-    for sigma, worth in ((20.0, True), (0.1, False)):
-        options = QUICK | {"points": 6, "setups": 1, "setup_sigma": SetupSigma(tool_ball=sigma)}
-        found = plan(location_only("table-bc"), part=folder / "cone.ngc", **options)
-        assert all((run.spindle is not None) is worth for run in found.campaign.runs)
-        assert any("the spindle is indexed" in note for note in found.notes) is worth
+    options = QUICK | {"points": 6, "setups": 1, "setup_sigma": SetupSigma(tool_ball=sigma)}
+    found = plan(location_only("table-bc"), part=folder / "cone.ngc", **options)
+    assert all((run.spindle is not None) is worth for run in found.campaign.runs)
+    assert any("the spindle is indexed" in note for note in found.notes) is worth
 
 
 @pytest.mark.parametrize(

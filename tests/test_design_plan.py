@@ -77,7 +77,10 @@ def test_no_random_plan_beats_the_bound() -> None:
         assert value_of(space, task, replace(rows, z=some)) > certificate.bound
 
 
-@pytest.mark.parametrize(("instrument", "points"), [("r_test", 6), ("touch_probe", 6), ("ball_bar", 8)])
+@pytest.mark.parametrize(("instrument", "points"), [
+    ("r_test", 6), pytest.param("touch_probe", 6, marks=pytest.mark.slow),
+    pytest.param("ball_bar", 8, marks=pytest.mark.slow),
+])  # fmt: skip
 def test_rows_agree_with_the_model(instrument: str, points: int) -> None:
     """The kernel that was optimised and the model of the written campaign promise the same ψ."""
     made = plan(OYAMA, instrument=instrument, points=points, starts=1, returns=0, anywhere=False, prove=False)

@@ -91,7 +91,10 @@ def test_a_row_just_before_a_stop_is_the_stop(short: float) -> None:
     assert q[:, 0].max() == 20.0 * (whole - 0.5)
 
 
-@pytest.mark.parametrize(("instrument", "play"), [("ball_bar", False), ("r_test", False), ("r_test", True)])
+@pytest.mark.parametrize(
+    ("instrument", "play"),
+    [("ball_bar", False), pytest.param("r_test", False, marks=pytest.mark.slow), ("r_test", True)],
+)
 def test_sweeps_computed_together_are_those_computed_alone(instrument: str, play: bool) -> None:
     """Between two sweeps computed together the axes jump: neither drives, noise nor a play may remember the one before."""
     machine = preset(MACHINE)
@@ -160,10 +163,16 @@ def test_plan_of_a_bar_keeps_the_minutes_and_states_certificate_and_gain(bar: Sw
     assert bar.to_data()["instrument"] == "ball_bar" and bar.to_data()["axes"] == list(bar.axes)
 
 
-def test_folder_of_a_bar_is_in_order(bar: SweepPlan, tmp_path: Path) -> None:
-    bar.write(tmp_path / "axes", nc=("linuxcnc", "heidenhain"))
-    bar.write(tmp_path / "centred", nc=("iso",), post=Post(tool_centre=True))
-    assert [str(finding) for name in ("axes", "centred") for finding in check(tmp_path / name)] == []
+@pytest.mark.parametrize(
+    ("dialects", "post"),
+    [(("heidenhain",), None),
+     *(pytest.param(*case, marks=pytest.mark.slow) for case in ((("linuxcnc",), None), (("iso",), Post(tool_centre=True))))],
+)  # fmt: skip
+def test_folder_of_a_bar_is_in_order(
+    bar: SweepPlan, dialects: tuple[str, ...], post: Post | None, tmp_path: Path
+) -> None:
+    bar.write(tmp_path / "plan", nc=dialects, post=post)
+    assert [str(finding) for finding in check(tmp_path / "plan")] == []
 
 
 def test_readings_beyond_the_stroke_are_refused() -> None:
@@ -304,11 +313,17 @@ def test_fewer_mountings_are_searched_where_whole_sweeps_do_not_fill_more(monkey
     assert free.certificate is not None and free.certificate.efficiency > 0.9
 
 
-def test_two_mountings_are_in_order_and_identified(twice: SweepPlan, tmp_path: Path) -> None:
-    """Each recording has a delay of its own, 5 ms (1σ)."""
-    twice.write(tmp_path / "twice", nc=("linuxcnc", "heidenhain"))
+def test_two_mountings_are_in_order(twice: SweepPlan, tmp_path: Path) -> None:
+    twice.write(tmp_path / "twice", nc=("linuxcnc",))
     assert [str(finding) for finding in check(tmp_path / "twice")] == []
     assert sorted(path.stem for path in (tmp_path / "twice" / "nc" / "linuxcnc").iterdir()) == ["sweeps-1", "sweeps-2"]
+
+
+@pytest.mark.slow
+def test_two_mountings_are_identified(twice: SweepPlan, tmp_path: Path) -> None:
+    """Each recording has a delay of its own, 5 ms (1σ)."""
+    twice.write(tmp_path / "twice", nc=("heidenhain",))
+    assert [str(finding) for finding in check(tmp_path / "twice")] == []
     _compare_with_the_plant(tmp_path / "twice", twice)
 
 

@@ -75,7 +75,7 @@ def halved() -> Diagnosis:
     return diagnose(axis_test(), hold_out="half")
 
 
-@pytest.mark.parametrize(("how", "count"), [("half", 28), ("cycles", 27)])
+@pytest.mark.parametrize(("how", "count"), [("half", 28), pytest.param("cycles", 27, marks=pytest.mark.slow)])
 def test_a_play_stands_on_what_was_held_out(halved: Diagnosis, how: str, count: int) -> None:
     found = halved if how == "half" else diagnose(axis_test(), hold_out=how)
     assert [(f.name, f.axis) for f in found.findings] == [("backlash", "X")]
@@ -102,7 +102,9 @@ def test_a_table_by_either_side_is_learnt_from_two_cycles_and_predicts_the_other
     assert before > 5.0 and after < 1.3 * NOISE_UM
 
 
-@pytest.mark.parametrize(("size", "seed"), [(40.0, 9), (60.0, 8), (100.0, 9)])
+@pytest.mark.parametrize(
+    ("size", "seed"), [(100.0, 9), *(pytest.param(*odd, marks=pytest.mark.slow) for odd in ((40.0, 9), (60.0, 8)))]
+)
 def test_of_two_cycles_the_odd_readings_are_found_beside_what_they_hide(size: float, seed: int) -> None:
     """The first two targets of the first cycle: the table that explains the rest decides which are wrong."""
     measured = jagged(targets=5, seed=seed)

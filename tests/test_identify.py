@@ -370,7 +370,7 @@ def test_readings_in_the_wrong_unit_are_said_to_be_too_quiet():
 
 
 @pytest.mark.parametrize("name", ["three-axis", "table-bc"])
-@pytest.mark.parametrize("seed", [0, 3])
+@pytest.mark.parametrize("seed", [0, pytest.param(3, marks=pytest.mark.slow)])
 def test_the_ball_bar_procedure_of_the_docs_converges_with_plays(name: str, seed: int) -> None:
     """A play that is hardly seen comes out near none, where the cost has a kink."""
     machine = preset(name)

@@ -83,7 +83,9 @@ def newton(axis: str, sign: float, t: float, h: float = 1e-3) -> float:
 
 
 @pytest.mark.parametrize("structure", SIDES)
-@pytest.mark.parametrize("axis", ORDER)
+@pytest.mark.parametrize(
+    "axis", [axis if axis in ("X", "J1") else pytest.param(axis, marks=pytest.mark.slow) for axis in ORDER]
+)
 def test_force_is_that_of_point_masses(structure: str, axis: str) -> None:
     plan = moving(structure, axis)
     model = Model(plan, [make_effect("load_inertia", axis)])

@@ -15,7 +15,7 @@ from plant.machines import static_table
 from plant.paths import r_test, static_ball_bar
 
 from symfive.campaign import Campaign, read_campaign, write_campaign
-from symfive.design import assess, plan
+from symfive.design import Plan, assess, plan
 from symfive.diagnose import diagnose
 from symfive.errors import InputError
 from symfive.identify import identify
@@ -59,6 +59,7 @@ def test_runs_of_a_mounting_have_one_error_of_it_with_exact_slopes(tmp_path: Pat
             np.testing.assert_allclose(line.jacobian[:, :, k], ends[0] - ends[1], atol=1e-6)
 
 
+@pytest.mark.slow
 def test_the_uncertainty_of_errors_behind_a_ball_that_stays_is_honest(tmp_path: Path) -> None:
     """By the independent plant. If the runs are taken for mounted anew, the ball's error is averaged, and 1σ are too small."""
     covered = dict.fromkeys((True, False), 0)
@@ -156,27 +157,38 @@ def test_the_odds_that_a_ball_stayed_are_those_of_the_readings(tmp_path: Path) -
         assert (found > CERTAIN) == stayed
 
 
+DRIFT = {
+    "effect": "thermal_drift", "axis": None, "direction": [0.0, 0.0, 1.0], "amplitude": 8.0, "time_constant_s": 200.0,
+}  # fmt: skip
+
+
 def test_a_drift_that_new_set_up_errors_absorb_is_found_behind_a_ball_that_stays(tmp_path: Path) -> None:
-    drift = {
-        "effect": "thermal_drift",
-        "axis": None,
-        "direction": [0.0, 0.0, 1.0],
-        "amplitude": 8.0,
-        "time_constant_s": 200.0,
-    }
-    told, silent = (diagnose(concealed(tmp_path / f"{said}", said=said, effects=(drift,))) for said in (True, False))
+    told = diagnose(concealed(tmp_path / "c", effects=(DRIFT,)))
     assert [finding.name for finding in told.findings] == ["thermal_drift"]
     assert told.p_value < 1e-9
     assert told.after.uncertainty("EX0B") == pytest.approx(17.9, abs=0.1)
+    assert "stayed mounted" not in " ".join(diagnosis_text(told).split())
+
+
+@pytest.mark.slow
+def test_a_drift_behind_a_ball_of_which_nothing_is_said_is_not_found(tmp_path: Path) -> None:
+    silent = diagnose(concealed(tmp_path / "c", said=False, effects=(DRIFT,)))
     assert silent.findings == ()
     assert "if the tool ball stayed mounted" in " ".join(diagnosis_text(silent).split())
-    assert "stayed mounted" not in " ".join(diagnosis_text(told).split())
-    assert diagnose(concealed(tmp_path / "clean")).findings == ()
+
+
+@pytest.mark.slow
+def test_nothing_is_found_behind_a_ball_that_stays_where_nothing_is_wrong(tmp_path: Path) -> None:
+    assert diagnose(concealed(tmp_path / "c")).findings == ()
+
+
+def _planned(setups: int) -> Plan:
+    machine = location_only("table-bc")
+    return plan(machine, instrument="r_test", points=8, setups=setups, starts=1, anywhere=False, prove=False)
 
 
 def test_a_plan_says_what_it_counts_on_and_the_sheet_what_to_do(tmp_path: Path) -> None:
-    machine = location_only("table-bc")
-    made = plan(machine, instrument="r_test", points=8, setups=2, starts=1, anywhere=False, prove=False)
+    made = _planned(2)
     (note,) = [note for note in made.notes if "mounted anew" in note]
     stays = tuple(replace(run, mounting=SPINDLE) for run in made.campaign.runs)
     then = assess(replace(made.campaign, runs=stays)).sigma
@@ -186,8 +198,11 @@ def test_a_plan_says_what_it_counts_on_and_the_sheet_what_to_do(tmp_path: Path) 
     assert made.assessment.sigma[name[1]] == pytest.approx(float(name[3]), rel=0.01)
     made.write(tmp_path / "plan")
     assert "out of the spindle and put it back" in (tmp_path / "plan" / "setup.html").read_text()
-    alone = plan(machine, instrument="r_test", points=8, setups=1, starts=1, anywhere=False, prove=False)
-    assert not any("mounted anew" in note for note in alone.notes)
+
+
+@pytest.mark.slow
+def test_a_plan_of_one_run_counts_on_no_mounting() -> None:
+    assert not any("mounted anew" in note for note in _planned(1).notes)
 
 
 @pytest.mark.parametrize(

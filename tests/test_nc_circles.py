@@ -47,8 +47,12 @@ def test_two_turns_between_radial_feed_in_and_out(dialect: str) -> None:
     assert "override 100 percent" in text.lower()
 
 
-@pytest.mark.parametrize("name", ["three-axis", "table-bc", "head-bc", "mixed-bc", "nutating-table", "tsutsumi-2007"])
-@pytest.mark.parametrize("plane", ["XY", "YZ", "ZX"])
+@pytest.mark.parametrize(
+    ("name", "plane"),
+    [(name, plane) if k % 3 == i else pytest.param(name, plane, marks=pytest.mark.slow)
+     for k, name in enumerate(("three-axis", "table-bc", "head-bc", "mixed-bc", "nutating-table", "tsutsumi-2007"))
+     for i, plane in enumerate(("XY", "YZ", "ZX"))],
+)  # fmt: skip
 def test_the_checker_finds_nothing_in_circles(name: str, plane: str, tmp_path: Path) -> None:
     machine = preset(name)
     runs = planar_circle(machine, plane=plane, radius=50.0, feed=(1500.0, 3000.0), rate_hz=10.0)

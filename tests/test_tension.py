@@ -41,6 +41,7 @@ def test_what_the_user_holds_far_from_its_prior_is_no_tension() -> None:
     assert not [note for note in identify(measured(0.0), fixed={name: 8.0 * sigma}).notes if note.startswith(name)]
 
 
+@pytest.mark.slow
 def test_a_finding_that_only_relieves_the_priors_is_doubted() -> None:
     found = diagnose(measured(800.0))
     assert found.findings

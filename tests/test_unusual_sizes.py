@@ -33,7 +33,9 @@ def _stops_short(size: float) -> Diagnosis:
     return diagnose(Campaign(machine=SERVO, runs=(run,)))
 
 
-@pytest.mark.parametrize("size", [17000.0, 1700.0, 170.0, 17.0])
+@pytest.mark.parametrize(
+    "size", [17000.0, 17.0, *(pytest.param(size, marks=pytest.mark.slow) for size in (1700.0, 170.0))]
+)
 def test_backlash_is_found_at_any_size(size: float) -> None:
     """A servo that misses a degree was no backlash: the width of its prior was guessed from what the usual one leaves."""
     (found,) = _stops_short(size).findings
@@ -76,7 +78,7 @@ def test_two_bodies_that_grow_in_opposite_ways_are_one_drift() -> None:
     assert found.parameters["slow_time_constant_s"].value == pytest.approx(900.0, rel=0.2)
 
 
-@pytest.mark.parametrize("sampling", ["static", "dynamic"])
+@pytest.mark.parametrize("sampling", ["dynamic", pytest.param("static", marks=pytest.mark.slow)])
 def test_a_recording_in_which_nothing_moves_is_diagnosed(sampling: str) -> None:
     """The next test was planned at the feed of axes that stand: a traceback, and nothing was written."""
     time = 2.0 * np.arange(200.0)
