@@ -28,7 +28,8 @@ def sag_and_drift() -> Diagnosis:
 
 
 @pytest.mark.parametrize(
-    "name", ["static-none", "static-ball-bar-two-heights", pytest.param("planar-none", marks=pytest.mark.slow)]
+    "name",
+    ["static-ball-bar-two-heights", *(pytest.param(n, marks=pytest.mark.slow) for n in ("static-none", "planar-none"))],
 )
 def test_clean_campaigns_stay_clean(name):
     result = _open(name)

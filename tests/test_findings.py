@@ -117,6 +117,7 @@ def test_a_discrepancy_holds_nothing_of_its_law() -> None:
     assert np.ptp(sum(fitted) - sum(parts)) < 0.05  # what is said adds up, but for zeros
 
 
+@pytest.mark.slow
 def test_a_law_that_holds_has_no_discrepancy() -> None:
     rng, way = np.random.default_rng(3), np.concatenate([TARGETS, TARGETS[::-1]])
     wave = 4.0 * np.sin(2.0 * np.pi * way / 70.0)

@@ -91,6 +91,7 @@ def test_a_play_stands_on_what_was_held_out(halved: Diagnosis, how: str, count: 
     assert found.summary.endswith(".") and "Held out: " in found.summary and "Withdrawn" not in found.summary
 
 
+@pytest.mark.slow
 def test_a_table_by_either_side_is_learnt_from_two_cycles_and_predicts_the_others() -> None:
     found = diagnose(jagged(), hold_out="runs:cycle-2,cycle-3,cycle-4")
     assert [(f.name, set(f.effect.coordinate.split(", "))) for f in found.findings] == [

@@ -205,7 +205,7 @@ def interpreted(path: Path) -> np.ndarray:
     return np.array([[float(v) for v in line.split(",")[:6]] for line in found])
 
 
-QUICK = [("table-bc", "r_test"), ("three-axis", "ball_bar")]
+QUICK = [("three-axis", "ball_bar"), pytest.param("table-bc", "r_test", marks=pytest.mark.slow)]
 READY = sorted(path.parent for path in (ROOT / "designs" / "plans").glob("*/campaign.toml"))
 
 

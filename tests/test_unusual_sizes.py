@@ -44,21 +44,25 @@ def test_backlash_is_found_at_any_size(size: float) -> None:
     assert abs(found.parameters["width"].value) == pytest.approx(size, rel=0.1)
 
 
-def test_an_axis_that_goes_too_far_is_not_advised_to_be_compensated_more() -> None:
+@pytest.mark.parametrize(
+    ("sign", "word"),
+    [(1.0, "reduce the backlash compensation"),
+     pytest.param(-1.0, "enter it as backlash compensation", marks=pytest.mark.slow)],
+)  # fmt: skip
+def test_an_axis_that_goes_too_far_is_not_advised_to_be_compensated_more(sign: float, word: str) -> None:
     """A negative width: the compensation in the control is too large."""
     ways = np.tile(np.r_[np.arange(-80.0, 81.0, 40.0), np.arange(80.0, -81.0, -40.0)], 4)
     came = np.sign(np.diff(ways, prepend=-120.0))
     came[came == 0.0] = -1.0
-    for sign, word in ((-1.0, "enter it as backlash compensation"), (1.0, "reduce the backlash compensation")):
-        readings = sign * came + np.random.default_rng(2).normal(0.0, 0.1, len(ways))
-        run = Run(
-            id="laser", instrument=("laser",), sampling="static", time=4.0 * np.arange(len(ways)), commands={"X": ways},
-            readings={"X_dev_um": readings}, noise_um=0.1, options={"axis": "X"},
-        )  # fmt: skip
-        result = diagnose(Campaign(machine=STAGE, runs=(run,)))
-        (found,) = result.findings
-        assert found.name == "backlash"
-        assert word in " ".join(str(result).split())
+    readings = sign * came + np.random.default_rng(2).normal(0.0, 0.1, len(ways))
+    run = Run(
+        id="laser", instrument=("laser",), sampling="static", time=4.0 * np.arange(len(ways)), commands={"X": ways},
+        readings={"X_dev_um": readings}, noise_um=0.1, options={"axis": "X"},
+    )  # fmt: skip
+    result = diagnose(Campaign(machine=STAGE, runs=(run,)))
+    (found,) = result.findings
+    assert found.name == "backlash"
+    assert word in " ".join(str(result).split())
 
 
 def test_two_bodies_that_grow_in_opposite_ways_are_one_drift() -> None:
