@@ -30,7 +30,7 @@ from symfive.campaign import read_campaign  # noqa: E402
 from symfive.codegen import codegen, subject_of  # noqa: E402
 from symfive.codegen.linuxcnc import WORLD, pin_names  # noqa: E402
 from symfive.errors import InputError  # noqa: E402
-from symfive.machine import machine_to_data, preset  # noqa: E402
+from symfive.machine import Machine, machine_to_data, preset  # noqa: E402
 from symfive.nc import Post  # noqa: E402
 from symfive.procedures import r_test_grid  # noqa: E402
 
@@ -230,12 +230,24 @@ def test_nothing_is_left_running() -> None:
 
 
 # --- LinuxCNC itself -------------------------------------------------------------------------------------------
+def _quick(name: str) -> Machine:
+    """The preset with axes ten times as fast: LinuxCNC runs by the clock, and its poses are the same."""
+    machine = preset(name)
+    fast = {
+        letter: replace(axis, max_feed=10.0 * axis.max_feed, max_acceleration=10.0 * axis.max_acceleration)
+        for letter, axis in machine.axes.items()
+    }
+    return replace(machine, axes=fast, text="")
+
+
 @pytest.mark.linuxcnc
-def test_linuxcnc_closes_the_loop(tmp_path) -> None:
+def test_linuxcnc_closes_the_loop(monkeypatch, tmp_path) -> None:
     try:
         controller.require_linuxcnc()
     except InputError as absent:
         pytest.skip(str(absent))
+    monkeypatch.setattr(loop, "preset", _quick)
+    monkeypatch.setattr(loop, "FEED_OVERRIDE", 100.0)
     folder = tmp_path / "results"
     assert loop.main(["-o", str(folder), *SMALL]) == 0
     _check(folder)
