@@ -302,7 +302,8 @@ def test_diagnose_of_a_clean_campaign_is_done_and_finds_nothing(symfive, tmp_pat
 
 
 @pytest.mark.parametrize(("verb", "module", "solver"), [
-    ("identify", "symfive.identify._identify", "solve"), ("diagnose", "symfive.posterior._fit", "gauss_newton"),
+    ("identify", "symfive.identify._identify", "solve"),
+    pytest.param("diagnose", "symfive.posterior._fit", "gauss_newton", marks=pytest.mark.slow),
 ])  # fmt: skip
 def test_a_fit_that_did_not_converge_is_told_on_the_terminal(symfive, tmp_path, monkeypatch, verb, module, solver):
     found = importlib.import_module(module)
