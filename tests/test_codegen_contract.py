@@ -16,7 +16,7 @@ import pytest
 from scipy.optimize import minimize_scalar
 
 sys.path.insert(0, str(Path(__file__).parent))
-from codegen_world import LARGE, TOOL, Compiled, fitted, loaded, needs, run
+from codegen_world import TOOL, Compiled, fitted, loaded, needs, run
 
 from symfive.codegen import codegen, subject_of
 from symfive.machine import preset, presets
@@ -82,7 +82,7 @@ def singular_poses(name: str, machine) -> list[str]:
 @pytest.mark.parametrize("name", cases(presets()))
 def test_fuzzed_calls(compiled, name, precision) -> None:
     needs("gcc")
-    count = CALLS // (len(presets()) - len(LARGE)) + 1
+    count = CALLS // len(QUICK) + 1
     assert "0 failures" in run(built(compiled.folder(name), precision), "calls", count, 1, cwd=Path())
 
 
@@ -92,7 +92,13 @@ def test_commands_do_not_jump_at_singular_poses(compiled, name) -> None:
     poses = singular_poses(name, compiled.machine(name))
     assert poses
     told = run(
-        built(compiled.folder(name), "double"), "paths", PATHS // len(TURNING), 1, kinds(name), *poses, cwd=Path()
+        built(compiled.folder(name), "double"),
+        "paths",
+        PATHS // len(set(QUICK) & set(TURNING)),
+        1,
+        kinds(name),
+        *poses,
+        cwd=Path(),
     )
     assert "0 failures" in told and " 0 of them singular" not in told
 
