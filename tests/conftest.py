@@ -4,6 +4,7 @@ import gc
 import os
 import shutil
 import tempfile
+from collections.abc import Generator
 from pathlib import Path
 
 import pytest
@@ -32,6 +33,18 @@ def pytest_collection_finish() -> None:
     gc.freeze()
     gc.set_threshold(20_000, 10, 10)
     gc.enable()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, bool | None, bool | None]:
+    """What runs LinuxCNC's realtime, of which a computer has one, waits for the other workers' tests that do."""
+    if item.get_closest_marker("linuxcnc") is None:
+        return (yield)
+    import fcntl  # POSIX alone has it, and LinuxCNC
+
+    with (Path(os.environ[FOLDER]) / "realtime").open("w") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        return (yield)
 
 
 @pytest.hookimpl(trylast=True)
