@@ -154,10 +154,14 @@ class Goal:
 
     def pull(self, total: Array) -> Array:
         """-dψ/dM (k, k) in file units."""
-        covariance = self.covariance(total)
-        columns = covariance[:, self.interest]
-        slope = self.criterion.slope(covariance[np.ix_(self.interest, self.interest)])
-        return np.asarray(columns @ slope @ columns.T * np.outer(self.scale, self.scale))
+        return self.psi_and_pull(total)[1]
+
+    def psi_and_pull(self, total: Array) -> tuple[float, Array]:
+        """Both, from one inverse."""
+        columns = self.covariance(total)[:, self.interest]
+        S = columns[self.interest]
+        pull = columns @ self.criterion.slope(S) @ columns.T * np.outer(self.scale, self.scale)
+        return self.criterion.value(S), np.asarray(pull)
 
     def joined(self, values: Sequence[float], seconds: float) -> float:
         """One number from ψ of every draw and the time."""

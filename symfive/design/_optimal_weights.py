@@ -16,6 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Protocol
 
 import numpy as np
@@ -35,6 +36,13 @@ class Informative(Protocol):
     def matrices(self) -> tuple[Array, ...]: ...
 
 
+@cache
+def _upper(k: int) -> tuple[Indices, Indices]:
+    """Rows and columns of the upper triangle of a matrix (k, k), row by row."""
+    rows, columns = np.triu_indices(k)
+    return rows, columns
+
+
 @dataclass(frozen=True)
 class Offered:
     """What may be recorded in one mounting: `rates` (n, k·(k + 1)/2) by draw, the upper triangles of the information per cost;
@@ -51,7 +59,7 @@ class Offered:
     ) -> Offered:  # fmt: skip
         """Circles or sweeps of these costs (n,)."""
         k = len(some[0].matrices[0])
-        upper = np.triu_indices(k)
+        upper = _upper(k)
         rates = tuple(
             np.array([each.matrices[d][upper] / cost for each, cost in zip(some, costs, strict=True)])
             for d in range(draws)
@@ -69,13 +77,13 @@ class Offered:
         """Information (k, k) of weights (n,)."""
         k = len(self.own)
         found = np.zeros((k, k))
-        upper = np.triu_indices(k)
+        upper = _upper(k)
         found[upper] = found.T[upper] = weights @ self.rates[draw]
         return found
 
     def seen(self, pulls: Sequence[Array]) -> Array:
         """Σ over the draws of ⟨G, M⟩/c (n,)."""
-        upper = np.triu_indices(len(self.own))
+        upper = _upper(len(self.own))
         twice = np.where(upper[0] == upper[1], 1.0, 2.0)
         return np.asarray(
             sum(rates @ (twice * pull[upper]) for rates, pull in zip(self.rates, pulls, strict=True))
@@ -141,13 +149,15 @@ class _Point:
         draws = range(len(offers[0].rates))
         totals = [[offer.total(w, d) for offer, w in zip(offers, weights, strict=True)] for d in draws]
         goals = [together([offer.shared for offer in offers], goal, total) for total in totals]
-        psi = np.array([own[0].psi(total[0]) for own, total in zip(goals, totals, strict=True)])
+        found = [own[0].psi_and_pull(total[0]) for own, total in zip(goals, totals, strict=True)]
+        psi = np.array([value for value, _ in found])
         score = (past + psi) / math.sqrt(step) if goal.robust == "worst" else np.zeros(len(draws))
         share = np.exp(score - score.max())
         share /= share.sum()
-        pulls = [
+        pulls = [[s * pull for s, (_, pull) in zip(share, found, strict=True)]]
+        pulls += [
             [s * own[m].pull(total[m]) for s, own, total in zip(share, goals, totals, strict=True)]
-            for m in range(len(offers))
+            for m in range(1, len(offers))
         ]
         known = np.diag(goal.scale**-2.0) + goal.known
         prior = sum(float(np.sum(pull * known)) for pull in pulls[0])

@@ -102,8 +102,7 @@ class CircleObjective:
                 totals.append(np.sum([part[0] for part in parts], axis=0))
                 changes.append(np.sum([part[1] for part in parts], axis=0))
             whole = np.sum(totals, axis=0)
-            values[d] = self.goal.psi(whole)
-            pull = self.goal.pull(whole)
+            values[d], pull = self.goal.psi_and_pull(whole)
             for i, change in enumerate(changes):
                 range_ = self.upper[i] - self.lower[i]
                 slopes[d, self.first[i] : self.first[i + 1]] = -np.einsum("ab,jab->j", pull, change) * range_
