@@ -14,9 +14,11 @@ import pytest
 
 from symfive.campaign import Campaign, Run, read_campaign, write_campaign
 from symfive.cli import main
+from symfive.design import plan
 from symfive.errors import InputError
 from symfive.importers.touch_log import fitted_centres, probed_run, read_touches
 from symfive.machine import preset
+from symfive.moves import cleared
 from symfive.nc import DIALECTS, Post, Probing, arrival_times, program, write_programs
 from symfive.procedures import Nominal
 from tests.plan_checker import check, read_plan, read_program
@@ -76,6 +78,47 @@ def test_touches_aim_at_the_sphere_and_ways_keep_off(name):
         before = at
     assert touches == 5 * run.rows == text.count("(LOG,")
     assert len(re.findall(r"G38\.3", text)) >= 2 * touches - run.rows
+
+
+def off_the_post(machine, run, post: float) -> float:
+    """Least gap of a planned tip of 3 mm, on a sphere of 12.5 mm, from a post of some radius that ends in the sphere, mm."""
+    gaps, before = [], None
+    for code, at, _ in moves(machine, run, program(machine, run, "linuxcnc", cleared(machine, (run,), {}))):
+        if code == "G38.2":
+            at = at * 15.5 / np.linalg.norm(at)  # it stops on contact
+        if before is not None:
+            tip = before + np.linspace(0.0, 1.0, 101)[:, None] * (at - before)
+            below = tip[:, 2] + np.sqrt(12.5**2 - post**2)
+            beside = np.linalg.norm(tip[:, :2], axis=1) - post
+            gaps.append(np.hypot(np.maximum(below, 0.0), np.maximum(beside, 0.0)).min() - 3.0)
+        before = at
+    return min(gaps)
+
+
+@pytest.mark.parametrize("post", [1.0, 10.0])
+def test_touches_keep_off_the_post(post):
+    machine = preset("table-bc")
+    machine = replace(machine, workspace=replace(machine.workspace, post_radius=post))
+    made = plan(machine, instrument="touch_probe", points=4, setups=1, starts=1, prove=False)
+    (run,) = made.campaign.runs
+    assert off_the_post(machine, run, post) > -1e-3
+    thick = replace(machine, workspace=replace(machine.workspace, post_radius=11.5))
+    with pytest.raises(InputError, match="tip and post on every exit path"):
+        cleared(thick, (run,), {})
+    with pytest.raises(InputError, match="touch and post is in the way everywhere; use a larger sphere"):
+        thick = replace(machine, workspace=replace(machine.workspace, post_radius=14.0))
+        plan(thick, instrument="touch_probe", points=4, setups=1, starts=1, prove=False)
+
+
+def test_rapids_keep_off_a_large_sphere():
+    machine, run = probe_run("table-bc")
+    machine = replace(machine, workspace=replace(machine.workspace, sphere_radius=46.0, tip_radius=4.0))
+    before, text = None, program(machine, run, "linuxcnc", cleared(machine, (run,), {}))
+    for code, at, line in moves(machine, run, text[: text.rindex("G53 G0")]):  # from there on Z is at the top
+        if before is not None and code == "G0":
+            way = before + np.linspace(0.0, 1.0, 101)[:, None] * (at - before)
+            assert np.linalg.norm(way, axis=1).min() > 46.0 + 4.0 + 4.9, line
+        before = at
 
 
 @pytest.mark.linuxcnc

@@ -187,7 +187,7 @@ def test_a_plan_leaves_travel_for_the_way_around_the_sphere(tmp_path):
     (run,) = made.campaign.runs
     assert "DPRNT[R7T4" in program(machine, run, "iso", made.post)  # raises where a touch is beyond the travel
     room = machine.axes["Y"].travel[1] - run.commands["Y"]
-    need = touch_reach() / np.cos(np.deg2rad(run.commands["A"]))
+    need = touch_reach(machine) / np.cos(np.deg2rad(run.commands["A"]))
     assert np.all(room >= need - 0.1)
     assert np.any(room < need + 5.0), "some pose lies at that limit"
 

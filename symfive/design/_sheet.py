@@ -178,9 +178,9 @@ def _start(sheet: Sheet, run: Run) -> list[str]:
         start = f"Start the program of run {run.id}; it stops where you mount the instrument."
         mount = "Mount the bar and start its recording there, then let the program go on."
         return [start, *([mount] if "ball_bar" in run.instrument and run.dynamic else [])]
-    post = sheet.post
+    space = sheet.campaign.machine.workspace
     return [
-        f"Sphere of radius {post.sphere_radius:g} mm, tip of radius {post.tip_radius:g} mm, probe switched on, spindle locked.",
+        f"Sphere of radius {space.sphere_radius:g} mm, tip of radius {space.tip_radius:g} mm, probe switched on, spindle locked.",
         f"Start the program of run {run.id}; it stops above the sphere, then touches it. Its header names the log.",
         "Bring the log back and import it: symfive import-touches PLAN LOG -o measured.",
     ]

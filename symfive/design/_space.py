@@ -50,7 +50,8 @@ KINKED = "tool and post"
 SAME_VOLUME = 1e-9
 SIGMAS_IN_RANGE = 3.0
 MOST_PROBE_TILT_DEG = 50.0
-"""Between the probe and the sphere's post, so that a touch square to the probe is at least 40° off the post."""
+"""Between the probe and the sphere's post, so that a touch square to the probe is at least 40° off the post; less where the tip
+would meet a thick post there."""
 
 
 @dataclass(frozen=True)
@@ -307,7 +308,7 @@ def _around_sphere(machine: Machine, geometry: _Geometry) -> dict[str, Any]:
     turned = {name: q for name, q in geometry.position.items() if machine.axes[name].rotary}
     moved = follow(machine, turned, geometry.tool_ball, place)
     linear = [name for name in machine.axis_names if not machine.axes[name].rotary]
-    return {name: touch_reach() * ca.norm_2(ca.jacobian(moved[name], place)) for name in linear}
+    return {name: touch_reach(machine) * ca.norm_2(ca.jacobian(moved[name], place)) for name in linear}
 
 
 def _limits(machine: Machine, instrument: str, geometry: _Geometry, k: Any) -> tuple[Any, tuple[str, ...]]:
@@ -341,7 +342,9 @@ def _limits(machine: Machine, instrument: str, geometry: _Geometry, k: Any) -> t
             limits.append(angle_clearance(workspace, axis, down, place[2], workspace.post_radius or 0.0))
             names.append("spindle nose and post")
     if instrument == "touch_probe":  # the touches at the equator stay off the sphere's post
-        limits.append(axis[2] - math.cos(math.radians(MOST_PROBE_TILT_DEG)))
+        sphere, tip, post = workspace.sphere_radius, workspace.tip_radius, workspace.post_radius or 0.0
+        least = max(math.cos(math.radians(MOST_PROBE_TILT_DEG)), (post + tip) / (sphere + tip))
+        limits.append(axis[2] - least)
         names.append("touch and post")
     if instrument == "ball_bar":
         limits.append(geometry.place[2] / UNIT_MM)

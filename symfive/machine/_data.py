@@ -15,7 +15,9 @@ from symfive.machine._structure import Structure
 from symfive.machine._suggest import nearest_error
 from symfive.numbers import plain_number, unit_words
 from symfive.screen import OnScreen
-from symfive.validation import freeze, numbers, positive
+from symfive.validation import at_most, freeze, numbers, positive
+
+ARTEFACT_MM = 1e3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,6 +25,7 @@ class Workspace:
     """What a measurement plan may use; every field is optional (mm, s).
 
     `table_centre` in the workpiece frame; where it is None it follows from the axes (`Machine.table_centre`).
+    `sphere_radius` and `tip_radius` are those of a touch probe's sphere and tip.
     """
 
     table_radius: float | None = None
@@ -37,6 +40,8 @@ class Workspace:
     post_radius: float | None = None
     tool_radius: float | None = None
     bar_radius: float | None = None
+    sphere_radius: float = 12.5
+    tip_radius: float = 3.0
     extra: Mapping[str, Any] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
@@ -49,8 +54,12 @@ class Workspace:
             "post_radius",
             "tool_radius",
             "bar_radius",
+            "sphere_radius",
+            "tip_radius",
         )
         positive("workspace", **{name: getattr(self, name) for name in names})
+        radii = {"sphere_radius": self.sphere_radius, "tip_radius": self.tip_radius}
+        at_most("workspace", ARTEFACT_MM, "mm", "no sphere or tip of a touch probe is larger", **radii)
         numbers("workspace", "bar_lengths", self.bar_lengths, example="bar_lengths = [100.0, 150.0]")
         for length in self.bar_lengths:
             positive("workspace", bar_lengths=length)

@@ -23,8 +23,8 @@ LINEAR_MM, ROTARY_DEG = 4.0, 1.0
 FINE_MM = 0.25
 """What moves so little between two positions is not looked at in between: a clearance is known to half of it."""
 KEPT_OFF, RAPID_MM = 15.0, 5.0
-"""What the tool ball keeps off the nest and all bodies off each other on rapid moves, mm: the operator's tool is a little longer
-or shorter than planned."""
+"""What the tool ball keeps off the nest and all bodies, a probe's tip and sphere among them, off each other on rapid moves, mm:
+the operator's tool is a little longer or shorter than planned."""
 ROUNDING_MM = 1e-3
 AT_ONCE = 8192
 """Positions at which distances are sought at once: what that needs in memory stays small."""
@@ -43,6 +43,8 @@ class Moves:
     def __init__(self, machine: Machine, run: Run) -> None:
         self.machine, self.clearances = machine, Clearances(machine, run)
         self.nest = np.asarray(run.table_ball)
+        touching = machine.workspace.sphere_radius + machine.workspace.tip_radius
+        self.kept_off = touching + RAPID_MM if self.clearances.probe else KEPT_OFF
         self.names = (*self.clearances.names, "tool ball and nest")
         still = ("travel", *ON_THE_BAR)
         self.kept = np.array([0.0 if name.startswith(still) else RAPID_MM for name in self.clearances.names])
@@ -130,7 +132,7 @@ class Moves:
         values -= self.kept if rapid else 0.0
         off = np.full(len(commands), np.inf)
         if rapid:
-            off = np.linalg.norm(self.clearances.frames(commands)[0] - self.nest, axis=1) - KEPT_OFF
+            off = np.linalg.norm(self.clearances.frames(commands)[0] - self.nest, axis=1) - self.kept_off
         return np.column_stack([values, off])
 
     def _note(self, found: list[str], owner: Indices, left: Array) -> None:
