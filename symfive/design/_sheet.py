@@ -289,6 +289,7 @@ def _clearances(sheet: Sheet) -> str:
     )
     untested = " ".join(collision_warning(sheet.campaign.machine, post, sheet.campaign.runs)[1:])
     return (
-        f"Spindle nose as a cylinder ({words}), {thick} and the table keep apart at every pose and on every move of the "
-        f"programs from above the first pose to above the last. {untested} {DRY_RUN}"
+        f"Spindle nose as a cylinder ({words}), {thick} and the table keep {workspace.clearance:g} mm apart, and linear axes as "
+        f"much off the ends of their travel, at every pose and on every move of the programs from above the first pose to above "
+        f"the last; less only where the instrument itself comes near. {untested} {DRY_RUN}"
     )

@@ -31,7 +31,14 @@ from symfive.kinematics import ball_in_workpiece, chain_poses
 from symfive.machine import Machine
 from symfive.model import Model, assemble
 from symfive.motion import Position
-from symfive.moves import angle_clearance, least_elevation, nose_may_reach_post, nose_over_table, post_clearance
+from symfive.moves import (
+    BALL_RADIUS,
+    angle_clearance,
+    least_elevation,
+    nose_may_reach_post,
+    nose_over_table,
+    post_clearance,
+)
 from symfive.nc import touch_reach
 from symfive.optimal import Kernel
 from symfive.parameters import Parameter
@@ -318,7 +325,7 @@ def _limits(machine: Machine, instrument: str, geometry: _Geometry, k: Any) -> t
     for name in machine.axis_names:
         axis = machine.axes[name]
         if not axis.rotary:
-            low, high = axis.travel
+            low, high = machine.reach(name)
             margin = margins.get(name, 0.0)
             limits += [
                 (geometry.position[name] - low - margin) / UNIT_MM,
@@ -331,11 +338,14 @@ def _limits(machine: Machine, instrument: str, geometry: _Geometry, k: Any) -> t
         names.append(PARALLEL)
     workspace, place, axis = machine.workspace, geometry.place, geometry.tool_axis
     if workspace.spindle_nose is not None:
-        limits += [height / UNIT_MM for height in nose_over_table(workspace, place, axis)]
+        limits += [(height - workspace.clearance) / UNIT_MM for height in nose_over_table(workspace, place, axis)]
         names += ["spindle nose and table"] * 2
         if instrument == "ball_bar":
-            limits.append(angle_clearance(workspace, axis, -geometry.bar, k[0], workspace.bar_radius or 0.0))
-            limits.append(post_clearance(workspace, geometry.table_ball, place, axis) / UNIT_MM)
+            limits.append(
+                angle_clearance(workspace, axis, -geometry.bar, k[0], workspace.bar_radius or 0.0, BALL_RADIUS)
+            )
+            gap = post_clearance(workspace, geometry.table_ball, place, axis)
+            limits.append((gap - workspace.clearance) / UNIT_MM)
             names += ["spindle nose and bar", KINKED]
         elif nose_may_reach_post(workspace):
             down = ca.DM([0.0, 0.0, -1.0])
@@ -347,6 +357,6 @@ def _limits(machine: Machine, instrument: str, geometry: _Geometry, k: Any) -> t
         limits.append(axis[2] - least)
         names.append("touch and post")
     if instrument == "ball_bar":
-        limits.append(geometry.place[2] / UNIT_MM)
+        limits.append((geometry.place[2] - BALL_RADIUS - workspace.clearance) / UNIT_MM)
         names.append("tool ball and table")
     return ca.vertcat(*limits), tuple(names)

@@ -25,7 +25,8 @@ class Workspace:
     """What a measurement plan may use; every field is optional (mm, s).
 
     `table_centre` in the workpiece frame; where it is None it follows from the axes (`Machine.table_centre`).
-    `sphere_radius` and `tip_radius` are those of a touch probe's sphere and tip.
+    `clearance` is what bodies keep off each other and linear axes off the ends of their travel: a ball stands within 1 mm of its
+    place, and so is the tool's length. `sphere_radius` and `tip_radius` are those of a touch probe's sphere and tip.
     """
 
     table_radius: float | None = None
@@ -40,6 +41,7 @@ class Workspace:
     post_radius: float | None = None
     tool_radius: float | None = None
     bar_radius: float | None = None
+    clearance: float = 2.0
     sphere_radius: float = 12.5
     tip_radius: float = 3.0
     extra: Mapping[str, Any] = field(default_factory=dict, repr=False)
@@ -54,6 +56,7 @@ class Workspace:
             "post_radius",
             "tool_radius",
             "bar_radius",
+            "clearance",
             "sphere_radius",
             "tip_radius",
         )
@@ -166,6 +169,13 @@ class Machine(OnScreen):
     def table_axis(self) -> str | None:
         """The rotary axis that carries the table: of those on the workpiece side the one next to the workpiece."""
         return next((name for name in self.structure.workpiece if self.axes[name].rotary), None)
+
+    def reach(self, name: str) -> tuple[float, float]:
+        """What plans use of an axis' travel, mm or degree: linear axes keep the workspace's clearance off its ends."""
+        axis = self.axes[name]
+        low, high = axis.travel
+        inside = 0.0 if axis.rotary else min(self.workspace.clearance, 0.1 * (high - low))
+        return low + inside, high - inside
 
     @property
     def table_centre(self) -> tuple[float, float]:

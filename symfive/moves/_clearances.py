@@ -20,6 +20,8 @@ TABLE_DEPTH = 2000.0
 """mm of the table as a body: nobody says what is under it."""
 ON_THE_BAR = ("spindle nose and bar", "bar and post", "bar and table", "bar and cup")
 """Pairs that exist only while the bar is on."""
+NEAR = (*ON_THE_BAR[1:], "tool and table ball", "tip and post")
+"""Pairs that come near while the instrument reads."""
 
 
 class Clearances:
@@ -40,10 +42,12 @@ class Clearances:
         )
         workspace = machine.workspace
         self.probe = "touch_probe" in run.instrument
-        self.sphere, self.tip = workspace.sphere_radius if self.probe else BALL_RADIUS, workspace.tip_radius
+        self.end = "tip" if self.probe else "tool ball" if self.bar else ""
+        self.sphere, self.tip = BALL_RADIUS, BALL_RADIUS
         self.stem, self.post = workspace.tool_radius or 0.0, workspace.post_radius or 0.0
         self.under = POST_TOP
         if self.probe:  # the stem of a stylus is no thicker than its tip; the post ends in the sphere
+            self.sphere, self.tip = workspace.sphere_radius, workspace.tip_radius
             self.stem = min(self.stem, self.tip)
             self.under = math.sqrt(max(self.sphere**2 - self.post**2, 0.0))
         nose = workspace.spindle_nose
@@ -57,7 +61,7 @@ class Clearances:
         others = ["table", "post", "table ball"] if self.stands else ["table"]
         found = [f"{body} and {other}" for body in bodies for other in others]
         found += ON_THE_BAR[self.nose is None :] if self.bar else ()
-        found += ["tip and post", "tip and table"] if self.probe else ()
+        found += [f"{self.end} and post", f"{self.end} and table"] if self.end else ()
         return (*found, *(f"travel of {name}" for name in self.machine.axis_names))
 
     def __call__(self, commands: Array, *, bar: bool = True, enough: float = math.inf) -> Array:
@@ -75,9 +79,9 @@ class Clearances:
         pairs: dict[str, tuple[Rod, Rod]] = {}
         for name, body in bodies.items():
             pairs |= {f"{name} and post": (body, post), f"{name} and table ball": (body, ball)}
-        if self.probe:
-            bodies["tip"] = Rod(place, axis, np.zeros(count))
-            pairs["tip and post"] = bodies["tip"], post
+        if self.end:
+            bodies[self.end] = Rod(place, axis, np.zeros(count))
+            pairs[f"{self.end} and post"] = bodies[self.end], post
         way = place - self.table_ball
         size = np.linalg.norm(way, axis=1)
         if self.bar and bar:
@@ -95,7 +99,7 @@ class Clearances:
                 1.0 - least
             )  # so that it changes no more than the ball moves
         for i, name in enumerate(self.machine.axis_names):
-            low, high = self.machine.axes[name].travel
+            low, high = self.machine.reach(name)
             found[f"travel of {name}"] = np.minimum(commands[:, i] - low, high - commands[:, i])
         nothing = np.full(count, np.inf)
         return np.stack([found.get(name, nothing) for name in self.names], axis=1)
@@ -123,7 +127,9 @@ class Clearances:
 
     def _round(self, names: str) -> float:
         """Radius of the ball that is one of two bodies, whose centre alone is a rod."""
-        return self.sphere if names.endswith("table ball") else self.tip if names.startswith("tip") else 0.0
+        if names.endswith("table ball"):
+            return self.sphere
+        return self.tip if self.end and names.startswith(self.end) else 0.0
 
     @staticmethod
     def _upright(count: int, foot: tuple[float, float, float], height: float, radius: float) -> Rod:

@@ -163,10 +163,10 @@ class ProbeWays(Writer):
         fixed = {name: pose[name] for name in self.rotary}
         commands = self.nominal.follow(place[None], self.run.tool_ball, fixed, f"a touch of run {self.run.id}")
         for name, (value,) in commands.items():
-            low, high = self.machine.axes[name].travel
+            low, high = self.machine.reach(name)
             if not low <= value <= high:
                 where = f"run {self.run.id}: touching at pose {row + 1}"
-                problem = f"{where} takes {name} to {value:.1f}, its travel is {low:g} to {high:g}"
+                problem = f"{where} takes {name} to {value:.1f}, a plan uses {low:g} to {high:g} of its travel"
                 raise InputError(problem, remedy="place the sphere elsewhere, or leave that pose out")
         words = self._words({name: float(q[0]) for name, q in commands.items()}, place)
         return {axis: words[axis] for axis in "XYZ"}
