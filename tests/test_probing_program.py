@@ -252,6 +252,10 @@ def test_a_heidenhain_is_told_which_tool_the_probe_is(tmp_path):
         program(machine, run, "heidenhain")
     lines = program(machine, run, "heidenhain", POST).splitlines()
     assert [line.split(" ", 1)[1] for line in lines if "TOOL CALL" in line and ";" not in line] == ["TOOL CALL 30 Z"]
+    bare = [line.split(" ", 1)[1] for line in lines]
+    assert bare.index("STOP M0") < bare.index(
+        "TOOL CALL 30 Z"
+    )  # it changes the tool where another one is in the spindle
     call = ["plan", "table-bc", "-o", str(tmp_path / "p"), "--instrument", "touch_probe", "--nc", "heidenhain"]
     assert main(call) == 2 and not (tmp_path / "p").exists()
 
