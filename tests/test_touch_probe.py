@@ -246,6 +246,11 @@ def test_sphere_and_tip_are_the_users_on_the_command_line(tmp_path: Path) -> Non
     assert main(["plan", str(tmp_path / "machine.toml"), "-o", str(tmp_path / "plan"), *words]) == 0
     text = next((tmp_path / "plan" / "nc" / "linuxcnc").iterdir()).read_text()
     assert "sphere radius 15, tip radius 2" in text
+    sheet = (tmp_path / "plan" / "setup.html").read_text()
+    assert "Sphere of radius 15 mm, tip of radius 2 mm" in sheet
+    assert (
+        "Probe its centre with all rotary axes at 0" in sheet and "under it" not in sheet
+    )  # no tip gets into a sphere
 
 
 @pytest.mark.parametrize(("instrument", "frame"), [("r_test", "table"), ("touch_probe", "tool")])

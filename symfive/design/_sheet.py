@@ -145,8 +145,13 @@ def _place(run: Run, stands: str) -> list[str]:
     sigma, (_, held) = next(i.place_sigma(run) for i in instruments_of(run) if i.stands), mounted(run)
     if sigma is None:
         return [f"{there}, within 1 mm: the readings determine its exact place."]
+    found = (
+        f"{there}, within 1 mm. Probe its centre with all rotary axes at 0 and compare with what the control shows there (below)."
+        if "touch_probe" in run.instrument  # no tip gets into a sphere
+        else f"{there}: drive the {held} there and lock the {stands} under it."
+    )
     return [
-        f"{there}: drive the {held} there and lock the {stands} under it.",
+        found,
         f"The evaluation takes this place as known to {plain_number(sigma)} µm (1σ). If it stands elsewhere, by up to 1 mm, "
         f"write where into table_ball of run {run.id} in campaign.toml; if you know it less well, write so into setup_sigma_um.",
     ]
