@@ -6,7 +6,7 @@ The axes get up to the feed with half of their acceleration, within the overshoo
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -94,13 +94,15 @@ def planar_circle(
             noise_um=noise_um, setup_sigma_um=setup_sigma_um,
         )  # fmt: skip
 
+    used = replace(machine, axes={n: replace(axis, travel=machine.reach(n)) for n, axis in machine.axes.items()})
+
     def fits(arc: _Arc) -> bool:
         """Whether every axis gets around, and the pulled-out bar onto the arc's ends."""
         ends = np.radians([arc.start - arc.overshoot, arc.start + arc.sweep + arc.overshoot])
         around = np.linspace(ends[0], ends[1], 721)
         try:
             for phi, length in ((around, size), (ends, size + (0.0 if grid else feed_in(machine)))):
-                within_travel(machine, run_of("arc", np.arange(len(phi), dtype=float), phi, length), place="the arc")
+                within_travel(used, run_of("arc", np.arange(len(phi), dtype=float), phi, length), place="the arc")
         except InputError:
             return False
         return True
