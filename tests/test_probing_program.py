@@ -113,12 +113,13 @@ def test_touches_keep_off_the_post(post):
 def test_rapids_keep_off_a_large_sphere():
     machine, run = probe_run("table-bc")
     machine = replace(machine, workspace=replace(machine.workspace, sphere_radius=46.0, tip_radius=4.0))
-    before, text = None, program(machine, run, "linuxcnc", cleared(machine, (run,), {}))
-    for code, at, line in moves(machine, run, text[: text.rindex("G53 G0")]):  # from there on Z is at the top
-        if before is not None and code == "G0":
-            way = before + np.linspace(0.0, 1.0, 101)[:, None] * (at - before)
-            assert np.linalg.norm(way, axis=1).min() > 46.0 + 4.0 + 4.9, line
-        before = at
+    for post in (cleared(machine, (run,), {}), Post()):  # the ways of a plan, and the usual ones
+        before, text = None, program(machine, run, "linuxcnc", post)
+        for code, at, line in moves(machine, run, text[: text.rindex("G53 G0")]):  # from there on Z is at the top
+            if before is not None and code == "G0":
+                way = before + np.linspace(0.0, 1.0, 101)[:, None] * (at - before)
+                assert np.linalg.norm(way, axis=1).min() > 46.0 + 4.0 + 4.9, line
+            before = at
 
 
 @pytest.mark.linuxcnc

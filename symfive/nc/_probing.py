@@ -22,7 +22,7 @@ from symfive.machine import Machine
 from symfive.nc._base import Dialect, Step, program_name
 from symfive.nc._post import Post
 from symfive.nc._recording import STANDSTILL
-from symfive.nc._route import Positions
+from symfive.nc._route import LEAST_LIFT_MM, Positions
 from symfive.nc._touch import Cycle, Move, Probing, Touch, probing_of
 from symfive.nc._writer import Writer
 
@@ -65,6 +65,7 @@ class ProbeWays(Writer):
         self.probing = probing or probing_of(machine)
         self.reach = self.probing.sphere_radius + self.probing.tip_radius
         self.above = np.array([0.0, 0.0, self.reach + self.probing.clearance])
+        self.least_lift = self.reach + LEAST_LIFT_MM
 
     def stays(self, row: int) -> float:
         """Time of a pose's touches, from where it is reached to where it is left, s."""

@@ -64,15 +64,13 @@ def lifts(nominal: Nominal, run: Run, row: int, mm: float) -> Iterator[dict[str,
             yield found
 
 
-def usual_lift(nominal: Nominal, run: Run, row: int, mm: float) -> dict[str, float]:
-    """The first of the lifts, shorter where the travel allows no more. Raises `InputError` where it allows none."""
+def usual_lift(nominal: Nominal, run: Run, row: int, mm: float, least: float = LEAST_LIFT_MM) -> dict[str, float]:
+    """The first of the lifts, shorter where the travel allows no more. Raises `InputError` where it allows not even the least."""
     for share in np.linspace(1.0, 0.0, 11):
-        if share * mm >= min(LEAST_LIFT_MM, mm):
+        if share * mm >= min(least, mm):
             for found in lifts(nominal, run, row, float(share * mm)):
                 return found
-    problem = (
-        f"run {run.id}: at line {row + FIRST_LINE} no travel is left to draw the tool back by {LEAST_LIFT_MM:g} mm"
-    )
+    problem = f"run {run.id}: at line {row + FIRST_LINE} no travel is left to draw the tool back by {least:g} mm"
     raise InputError(problem, remedy="move the ball or nest, or use another tool length")
 
 
