@@ -35,6 +35,7 @@ from symfive.moves import (
     BALL_RADIUS,
     angle_clearance,
     least_elevation,
+    least_upright,
     nose_may_reach_post,
     nose_over_table,
     post_clearance,
@@ -352,9 +353,7 @@ def _limits(machine: Machine, instrument: str, geometry: _Geometry, k: Any) -> t
             limits.append(angle_clearance(workspace, axis, down, place[2], workspace.post_radius or 0.0))
             names.append("spindle nose and post")
     if instrument == "touch_probe":  # the touches at the equator stay off the sphere's post
-        sphere, tip, post = workspace.sphere_radius, workspace.tip_radius, workspace.post_radius or 0.0
-        least = max(math.cos(math.radians(MOST_PROBE_TILT_DEG)), (post + tip) / (sphere + tip))
-        limits.append(axis[2] - least)
+        limits.append(axis[2] - max(math.cos(math.radians(MOST_PROBE_TILT_DEG)), least_upright(workspace)))
         names.append("touch and post")
     if instrument == "ball_bar":
         limits.append((geometry.place[2] - BALL_RADIUS - workspace.clearance) / UNIT_MM)

@@ -41,6 +41,19 @@ def least_elevation(workspace: Workspace) -> float:
     return max(LEAST_ELEVATION, -math.degrees(math.atan2(POST_TOP, radius)))
 
 
+def post_under_sphere(workspace: Workspace) -> float:
+    """How far under the centre of a touch probe's sphere its post ends, mm: in the sphere, or below it where it is thicker."""
+    sphere, post = workspace.sphere_radius, workspace.post_radius or 0.0
+    return math.sqrt(sphere**2 - post**2) if post < sphere else max(sphere, POST_TOP)
+
+
+def least_upright(workspace: Workspace) -> float:
+    """Cosine of the largest tilt at which a tip at the sphere's equator passes beside its post or above the post's end."""
+    sphere, tip, post = workspace.sphere_radius, workspace.tip_radius, workspace.post_radius or 0.0
+    above = min(max(post_under_sphere(workspace) - tip, 0.0) / (sphere + tip), 1.0)
+    return min((post + tip) / (sphere + tip), math.sqrt(1.0 - above**2))
+
+
 def nose_over_table(workspace: Workspace, place: Any, axis: Any) -> list[Any]:
     """Height of the lowest point of either end of the nose over the table; `place` of the tool ball, `axis` of the tool."""
     radius, above = _nose(workspace)

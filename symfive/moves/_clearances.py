@@ -13,7 +13,7 @@ from symfive.campaign import Run
 from symfive.compiled import Mapped
 from symfive.kinematics import ball_in_workpiece, chain_poses
 from symfive.machine import Machine
-from symfive.moves._bodies import BALL_RADIUS, NOSE_LENGTH, POST_TOP, TABLE_EDGE, least_elevation
+from symfive.moves._bodies import BALL_RADIUS, NOSE_LENGTH, POST_TOP, TABLE_EDGE, least_elevation, post_under_sphere
 from symfive.moves._distance import Rod, apart
 
 TABLE_DEPTH = 2000.0
@@ -46,10 +46,10 @@ class Clearances:
         self.sphere, self.tip = BALL_RADIUS, BALL_RADIUS
         self.stem, self.post = workspace.tool_radius or 0.0, workspace.post_radius or 0.0
         self.under = POST_TOP
-        if self.probe:  # the stem of a stylus is no thicker than its tip; the post ends in the sphere
+        if self.probe:  # the stem of a stylus is no thicker than its tip
             self.sphere, self.tip = workspace.sphere_radius, workspace.tip_radius
             self.stem = min(self.stem, self.tip)
-            self.under = math.sqrt(max(self.sphere**2 - self.post**2, 0.0))
+            self.under = post_under_sphere(workspace)
         nose = workspace.spindle_nose
         self.nose = None if nose is None else float(nose["radius"])
         self.above = float(nose["above_ball"]) if nose is not None else -float(run.tool_ball[2])
