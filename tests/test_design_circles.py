@@ -194,7 +194,7 @@ def test_circles_have_a_sheet(tmp_path: Path) -> None:
     page = Page(text)
     assert page.tags.count("script") == 1 and HOSTILE in page.words
     for words in (
-        "2 runs, 1586 readings · about 8 min with set-up", "keep apart at every pose and on every move of the programs",
+        "2 runs, 1586 readings · about 8 min with set-up", "keep 2 mm apart",
         "table ball at x = 60, y = 0, z = 80 mm", "Bar of 50 mm", "ball bar: dL_um into", "793, one every 50 ms",
         "radius 50 mm, 480° with run-up", "xy of the workpiece frame", "counter-clockwise, viewed from +z",
         "800 mm/min along the circle", "C and X move; the ball is X_T = 60.000 mm from axis C, X_T/r = 60/50 = 1.2",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import shutil
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -45,6 +46,28 @@ def test_two_turns_between_radial_feed_in_and_out(dialect: str) -> None:
     assert moves(text) == list(WORDS[dialect].circle)
     assert "G93" not in text and not re.search(r"hand on the feed|slowly", text, re.I)
     assert "override 100 percent" in text.lower()
+
+
+def test_where_an_axis_ends_too_near_the_circle_becomes_an_arc() -> None:
+    axes = {**THREE.axes, "Y": replace(THREE.axes["Y"], travel=(-51.0, 300.0))}  # 1 mm beyond the circle
+    machine = replace(THREE, axes=axes, text="")
+    run = planar_circle(machine, radius=50.0, centre=(0.0, 0.0, 80.0), direction="ccw")[0]
+    assert run.commands["Y"].min() > -49.0 and np.ptp(run.commands["X"]) > 99.0
+    cleared(machine, (run,), {})
+
+
+@pytest.mark.parametrize(("stroke", "out"), [(0.4, 0.6), (1.0, 1.5), (4.0, 1.5)])
+def test_a_bar_is_pulled_out_no_farther_than_it_reaches(stroke: float, out: float) -> None:
+    machine = replace(THREE, workspace=replace(THREE.workspace, bar_stroke=stroke), text="")
+    run = planar_circle(machine, radius=100.0, centre=(0.0, 0.0, 80.0), direction="cw")[0]
+    text = program(machine, run, "linuxcnc", cleared(machine, (run,), {}))
+    places = [complex(*map(float, re.search(r"X(\S+) Y(\S+)", line).groups())) for line in moves(text)]
+    assert [abs(place) for place in places] == pytest.approx([100.0, 100.0, 100.0 + out])
+    entry = re.findall(r"G1 X(\S+) Y(\S+)", text.partition("MOUNT BAR")[0])
+    before = [complex(*map(float, words)) for words in entry] or [
+        complex(*map(float, re.findall(r"G0 X(\S+) Y(\S+)", text)[0]))
+    ]
+    assert abs(before[-1]) == pytest.approx(100.0 + out)
 
 
 @pytest.mark.parametrize(

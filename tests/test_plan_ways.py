@@ -136,6 +136,7 @@ def test_what_lies_between_two_positions_is_found() -> None:
     machine = preset("three-axis")
     machine = replace(machine, workspace=replace(machine.workspace, spindle_nose=None), text="")
     run = planar_circle(machine, radius=50.0, centre=(0.0, 0.0, 100.0), direction="ccw")[0]
+    run = replace(run, instrument=("r_test",), length=None, readings={})  # whose tool ball is no body of its own
     nominal, moves = Nominal(machine), Moves(machine, run)
     for aside, met in ((6.2, "tool and table ball"), (6.4, "")):  # the ends stand off by √(2² + 6.2²) - 6.35 = 0.16 mm
         ends = nominal.follow(np.array([[-2.0, aside, 50.0], [2.0, aside, 50.0]]), run.tool_ball, {}, "a move")

@@ -14,9 +14,11 @@ import pytest
 
 from symfive.campaign import Campaign, Run, read_campaign, write_campaign
 from symfive.cli import main
+from symfive.design import plan
 from symfive.errors import InputError
 from symfive.importers.touch_log import fitted_centres, probed_run, read_touches
 from symfive.machine import preset
+from symfive.moves import cleared
 from symfive.nc import DIALECTS, Post, Probing, arrival_times, program, write_programs
 from symfive.procedures import Nominal
 from tests.plan_checker import check, read_plan, read_program
@@ -76,6 +78,47 @@ def test_touches_aim_at_the_sphere_and_ways_keep_off(name):
         before = at
     assert touches == 5 * run.rows == text.count("(LOG,")
     assert len(re.findall(r"G38\.3", text)) >= 2 * touches - run.rows
+
+
+def off_the_post(machine, run, post: float) -> float:
+    """Least gap, mm, of a tip of 3 mm on a sphere of 12.5 mm from its post, which ends in the sphere or, where it is thicker than
+    that, 15 mm under its centre."""
+    end = np.sqrt(12.5**2 - post**2) if post < 12.5 else 15.0
+    gaps, before = [], None
+    for code, at, _ in moves(machine, run, program(machine, run, "linuxcnc", cleared(machine, (run,), {}))):
+        if code == "G38.2":
+            at = at * 15.5 / np.linalg.norm(at)  # it stops on contact
+        if before is not None:
+            tip = before + np.linspace(0.0, 1.0, 101)[:, None] * (at - before)
+            below = tip[:, 2] + end
+            beside = np.linalg.norm(tip[:, :2], axis=1) - post
+            gaps.append(np.hypot(np.maximum(below, 0.0), np.maximum(beside, 0.0)).min() - 3.0)
+        before = at
+    return min(gaps)
+
+
+@pytest.mark.parametrize("post", [1.0, 10.0, 14.0])
+def test_touches_keep_off_the_post(post):
+    machine = preset("table-bc")
+    machine = replace(machine, workspace=replace(machine.workspace, post_radius=post))
+    made = plan(machine, instrument="touch_probe", points=4, setups=1, starts=1, prove=False)
+    (run,) = made.campaign.runs
+    assert off_the_post(machine, run, post) > -1e-3
+    thick = replace(machine, workspace=replace(machine.workspace, post_radius=11.5))
+    with pytest.raises(InputError, match="tip and post on every exit path"):
+        cleared(thick, (run,), {})
+
+
+def test_rapids_keep_off_a_large_sphere():
+    machine, run = probe_run("table-bc")
+    machine = replace(machine, workspace=replace(machine.workspace, sphere_radius=46.0, tip_radius=4.0))
+    for post in (cleared(machine, (run,), {}), Post()):  # the ways of a plan, and the usual ones
+        before, text = None, program(machine, run, "linuxcnc", post)
+        for code, at, line in moves(machine, run, text[: text.rindex("G53 G0")]):  # from there on Z is at the top
+            if before is not None and code == "G0":
+                way = before + np.linspace(0.0, 1.0, 101)[:, None] * (at - before)
+                assert np.linalg.norm(way, axis=1).min() > 46.0 + 4.0 + 4.9, line
+            before = at
 
 
 @pytest.mark.linuxcnc
@@ -199,7 +242,7 @@ def test_a_touch_beyond_the_travel_is_refused():
     axis = machine.axes["X"]
     end = float(np.max(run.commands["X"])) + 10.0  # the pose is within, the touch from +X is not
     narrow = replace(machine, axes={**machine.axes, "X": replace(axis, travel=(axis.travel[0], end))}, text="")
-    with pytest.raises(InputError, match=rf"takes X to .*, its travel is .* to {end:g}"):
+    with pytest.raises(InputError, match=rf"takes X to .*, a plan uses -298 to {end - 2.0:g} of its"):
         program(narrow, run, "iso")
 
 
@@ -209,6 +252,10 @@ def test_a_heidenhain_is_told_which_tool_the_probe_is(tmp_path):
         program(machine, run, "heidenhain")
     lines = program(machine, run, "heidenhain", POST).splitlines()
     assert [line.split(" ", 1)[1] for line in lines if "TOOL CALL" in line and ";" not in line] == ["TOOL CALL 30 Z"]
+    bare = [line.split(" ", 1)[1] for line in lines]
+    assert bare.index("STOP M0") < bare.index(
+        "TOOL CALL 30 Z"
+    )  # it changes the tool where another one is in the spindle
     call = ["plan", "table-bc", "-o", str(tmp_path / "p"), "--instrument", "touch_probe", "--nc", "heidenhain"]
     assert main(call) == 2 and not (tmp_path / "p").exists()
 

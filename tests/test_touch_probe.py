@@ -187,7 +187,7 @@ def test_a_plan_leaves_travel_for_the_way_around_the_sphere(tmp_path):
     (run,) = made.campaign.runs
     assert "DPRNT[R7T4" in program(machine, run, "iso", made.post)  # raises where a touch is beyond the travel
     room = machine.axes["Y"].travel[1] - run.commands["Y"]
-    need = touch_reach() / np.cos(np.deg2rad(run.commands["A"]))
+    need = touch_reach(machine) / np.cos(np.deg2rad(run.commands["A"]))
     assert np.all(room >= need - 0.1)
     assert np.any(room < need + 5.0), "some pose lies at that limit"
 
@@ -246,6 +246,11 @@ def test_sphere_and_tip_are_the_users_on_the_command_line(tmp_path: Path) -> Non
     assert main(["plan", str(tmp_path / "machine.toml"), "-o", str(tmp_path / "plan"), *words]) == 0
     text = next((tmp_path / "plan" / "nc" / "linuxcnc").iterdir()).read_text()
     assert "sphere radius 15, tip radius 2" in text
+    sheet = (tmp_path / "plan" / "setup.html").read_text()
+    assert "Sphere of radius 15 mm, tip of radius 2 mm" in sheet
+    assert (
+        "Probe its centre with all rotary axes at 0" in sheet and "under it" not in sheet
+    )  # no tip gets into a sphere
 
 
 @pytest.mark.parametrize(("instrument", "frame"), [("r_test", "table"), ("touch_probe", "tool")])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -222,8 +223,10 @@ def check(path: Path, as_json: bool, quiet: bool) -> None:
     default="workpiece",
     help="Of an R-test's readings: workpiece (nest on the table), machine or tool (head in the spindle).",
 )
-@click.option("--sphere-radius", type=POSITIVE, default=12.5, help="Of a touch probe's sphere, mm.")
-@click.option("--tip-radius", type=POSITIVE, default=3.0, help="Of a touch probe's tip, mm.")
+@click.option(
+    "--sphere-radius", type=POSITIVE, help="Of a touch probe's sphere, mm (default: the machine file's, 12.5)."
+)
+@click.option("--tip-radius", type=POSITIVE, help="Of its tip, mm (default: the machine file's, 3).")
 @click.option("--probe-on", default="", show_default=False, help="Your control's line that switches a touch probe on.")
 @click.option("--probe-off", default="", show_default=False, help="The line that switches it off.")
 @click.option("--probe-tool", type=Whole(1, 9999), help="Its number in the tool table; Heidenhain calls it.")
@@ -238,12 +241,13 @@ def check(path: Path, as_json: bool, quiet: bool) -> None:
 @gathered(
     "poses", "instrument", "points", "minutes", "setups", "repeats", "returns", "frame", "index", "survive", "starts", "seed",
 )  # fmt: skip
+@gathered("radii", "sphere_radius", "tip_radius")
 @gathered("motion", "in_motion", "speeds", "coloured_um", "correlation_s")
 @gathered("part_options", "part_tool", "part_zero", "part_tool_centre", "part_datum")
 @gathered("sigmas", "tool_ball_sigma", "tool_length_sigma", "table_ball_sigma", "zero_sigma", "length_sigma")
 @gathered(
     "programs", "tool_centre", "tool_number", "tool_centre_on", "tool_centre_off", "reversed_axes", "machine_top", "dwell_s",
-    "at_pose", "trigger", "sphere_radius", "tip_radius", "probe_on", "probe_off", "probe_tool",
+    "at_pose", "trigger", "probe_on", "probe_off", "probe_tool",
 )  # fmt: skip
 def plan(
     machine: str,
@@ -269,6 +273,7 @@ def plan(
     count: int,
     motion: dict[str, Any],
     programs: dict[str, Any],
+    radii: dict[str, Any],
     no_proof: bool,
     workers: int,
     scheduler: str | None,
@@ -286,6 +291,8 @@ def plan(
     dialects = dialects_of(nc)
     with output_folder(output, overwrite=overwrite) as folder:
         data = machine_given(machine)
+        own = {name: mm for name, mm in radii.items() if mm is not None}
+        data = replace(data, workspace=replace(data.workspace, **own))
         try:
             check_addresses(data)
         except InputError as error:

@@ -36,12 +36,12 @@ def plan_notes(
     """Why its certificate is low, what dominates, what it counts on, what could not be rounded, where the instrument comes off,
     what the machine file lacks."""
     return (
-        *_why_low(certificate, space.instrument, expected), *what_dominates(space, task, schedule.rows),
+        *_why_low(certificate, space.instrument, expected, given), *what_dominates(space, task, schedule.rows),
         *_counts_on(schedule.campaign, expected, given), *_rounding_notes(space, schedule), *_notes(schedule),
     )  # fmt: skip
 
 
-def _why_low(certificate: Certificate, instrument: str, assessment: Assessment) -> list[str]:
+def _why_low(certificate: Certificate, instrument: str, assessment: Assessment, given: Campaign | None) -> list[str]:
     """Why a plan stays far from its bound, where it does: fewer readings than unknowns, or whole poses."""
     if not certificate.why_low:
         return []
@@ -49,9 +49,11 @@ def _why_low(certificate: Certificate, instrument: str, assessment: Assessment) 
     readings, unknowns = points * (1 if instrument == "ball_bar" else 3), len(assessment.parameters)
     if readings >= unknowns:
         return [certificate.why_low]
+    earlier = "" if given is None else " and the earlier ones"
     return [
-        f"{readings} readings for {unknowns} unknowns of machine and set-up: they determine {assessment.rank} combinations, the "
-        f"priors the others; the bound allows more than {points} poses, so the certificate is low; more poses raise it"
+        f"{readings} readings{earlier} for {unknowns} unknowns of machine and set-up: they determine {assessment.rank} "
+        f"combinations, the priors the others; the bound allows more than {points} poses, so the certificate is low; more poses "
+        "raise it"
     ]
 
 

@@ -145,8 +145,13 @@ def _place(run: Run, stands: str) -> list[str]:
     sigma, (_, held) = next(i.place_sigma(run) for i in instruments_of(run) if i.stands), mounted(run)
     if sigma is None:
         return [f"{there}, within 1 mm: the readings determine its exact place."]
+    found = (
+        f"{there}, within 1 mm. Probe its centre with all rotary axes at 0 and compare with what the control shows there (below)."
+        if "touch_probe" in run.instrument  # no tip gets into a sphere
+        else f"{there}: drive the {held} there and lock the {stands} under it."
+    )
     return [
-        f"{there}: drive the {held} there and lock the {stands} under it.",
+        found,
         f"The evaluation takes this place as known to {plain_number(sigma)} µm (1σ). If it stands elsewhere, by up to 1 mm, "
         f"write where into table_ball of run {run.id} in campaign.toml; if you know it less well, write so into setup_sigma_um.",
     ]
@@ -178,9 +183,9 @@ def _start(sheet: Sheet, run: Run) -> list[str]:
         start = f"Start the program of run {run.id}; it stops where you mount the instrument."
         mount = "Mount the bar and start its recording there, then let the program go on."
         return [start, *([mount] if "ball_bar" in run.instrument and run.dynamic else [])]
-    post = sheet.post
+    space = sheet.campaign.machine.workspace
     return [
-        f"Sphere of radius {post.sphere_radius:g} mm, tip of radius {post.tip_radius:g} mm, probe switched on, spindle locked.",
+        f"Sphere of radius {space.sphere_radius:g} mm, tip of radius {space.tip_radius:g} mm, probe switched on, spindle locked.",
         f"Start the program of run {run.id}; it stops above the sphere, then touches it. Its header names the log.",
         "Bring the log back and import it: symfive import-touches PLAN LOG -o measured.",
     ]
@@ -289,6 +294,7 @@ def _clearances(sheet: Sheet) -> str:
     )
     untested = " ".join(collision_warning(sheet.campaign.machine, post, sheet.campaign.runs)[1:])
     return (
-        f"Spindle nose as a cylinder ({words}), {thick} and the table keep apart at every pose and on every move of the "
-        f"programs from above the first pose to above the last. {untested} {DRY_RUN}"
+        f"Spindle nose as a cylinder ({words}), {thick} and the table keep {workspace.clearance:g} mm apart, and linear axes as "
+        f"much off the ends of their travel, at every pose and on every move of the programs from above the first pose to above "
+        f"the last; less only where the instrument itself comes near. {untested} {DRY_RUN}"
     )

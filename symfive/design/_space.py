@@ -31,7 +31,15 @@ from symfive.kinematics import ball_in_workpiece, chain_poses
 from symfive.machine import Machine
 from symfive.model import Model, assemble
 from symfive.motion import Position
-from symfive.moves import angle_clearance, least_elevation, nose_may_reach_post, nose_over_table, post_clearance
+from symfive.moves import (
+    BALL_RADIUS,
+    angle_clearance,
+    least_elevation,
+    least_upright,
+    nose_may_reach_post,
+    nose_over_table,
+    post_clearance,
+)
 from symfive.nc import touch_reach
 from symfive.optimal import Kernel
 from symfive.parameters import Parameter
@@ -50,7 +58,8 @@ KINKED = "tool and post"
 SAME_VOLUME = 1e-9
 SIGMAS_IN_RANGE = 3.0
 MOST_PROBE_TILT_DEG = 50.0
-"""Between the probe and the sphere's post, so that a touch square to the probe is at least 40° off the post."""
+"""Between the probe and the sphere's post, so that a touch square to the probe is at least 40° off the post; less where the tip
+would meet a thick post there."""
 
 
 @dataclass(frozen=True)
@@ -307,7 +316,7 @@ def _around_sphere(machine: Machine, geometry: _Geometry) -> dict[str, Any]:
     turned = {name: q for name, q in geometry.position.items() if machine.axes[name].rotary}
     moved = follow(machine, turned, geometry.tool_ball, place)
     linear = [name for name in machine.axis_names if not machine.axes[name].rotary]
-    return {name: touch_reach() * ca.norm_2(ca.jacobian(moved[name], place)) for name in linear}
+    return {name: touch_reach(machine) * ca.norm_2(ca.jacobian(moved[name], place)) for name in linear}
 
 
 def _limits(machine: Machine, instrument: str, geometry: _Geometry, k: Any) -> tuple[Any, tuple[str, ...]]:
@@ -317,7 +326,7 @@ def _limits(machine: Machine, instrument: str, geometry: _Geometry, k: Any) -> t
     for name in machine.axis_names:
         axis = machine.axes[name]
         if not axis.rotary:
-            low, high = axis.travel
+            low, high = machine.reach(name)
             margin = margins.get(name, 0.0)
             limits += [
                 (geometry.position[name] - low - margin) / UNIT_MM,
@@ -330,20 +339,23 @@ def _limits(machine: Machine, instrument: str, geometry: _Geometry, k: Any) -> t
         names.append(PARALLEL)
     workspace, place, axis = machine.workspace, geometry.place, geometry.tool_axis
     if workspace.spindle_nose is not None:
-        limits += [height / UNIT_MM for height in nose_over_table(workspace, place, axis)]
+        limits += [(height - workspace.clearance) / UNIT_MM for height in nose_over_table(workspace, place, axis)]
         names += ["spindle nose and table"] * 2
         if instrument == "ball_bar":
-            limits.append(angle_clearance(workspace, axis, -geometry.bar, k[0], workspace.bar_radius or 0.0))
-            limits.append(post_clearance(workspace, geometry.table_ball, place, axis) / UNIT_MM)
+            limits.append(
+                angle_clearance(workspace, axis, -geometry.bar, k[0], workspace.bar_radius or 0.0, BALL_RADIUS)
+            )
+            gap = post_clearance(workspace, geometry.table_ball, place, axis)
+            limits.append((gap - workspace.clearance) / UNIT_MM)
             names += ["spindle nose and bar", KINKED]
         elif nose_may_reach_post(workspace):
             down = ca.DM([0.0, 0.0, -1.0])
             limits.append(angle_clearance(workspace, axis, down, place[2], workspace.post_radius or 0.0))
             names.append("spindle nose and post")
     if instrument == "touch_probe":  # the touches at the equator stay off the sphere's post
-        limits.append(axis[2] - math.cos(math.radians(MOST_PROBE_TILT_DEG)))
+        limits.append(axis[2] - max(math.cos(math.radians(MOST_PROBE_TILT_DEG)), least_upright(workspace)))
         names.append("touch and post")
     if instrument == "ball_bar":
-        limits.append(geometry.place[2] / UNIT_MM)
+        limits.append((geometry.place[2] - BALL_RADIUS - workspace.clearance) / UNIT_MM)
         names.append("tool ball and table")
     return ca.vertcat(*limits), tuple(names)

@@ -15,7 +15,9 @@ from symfive.machine._structure import Structure
 from symfive.machine._suggest import nearest_error
 from symfive.numbers import plain_number, unit_words
 from symfive.screen import OnScreen
-from symfive.validation import freeze, numbers, positive
+from symfive.validation import at_most, freeze, numbers, positive
+
+ARTEFACT_MM = 1e3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,6 +25,8 @@ class Workspace:
     """What a measurement plan may use; every field is optional (mm, s).
 
     `table_centre` in the workpiece frame; where it is None it follows from the axes (`Machine.table_centre`).
+    `clearance` is what bodies keep off each other and linear axes off the ends of their travel: a ball stands within 1 mm of its
+    place, and so is the tool's length. `sphere_radius` and `tip_radius` are those of a touch probe's sphere and tip.
     """
 
     table_radius: float | None = None
@@ -37,6 +41,9 @@ class Workspace:
     post_radius: float | None = None
     tool_radius: float | None = None
     bar_radius: float | None = None
+    clearance: float = 2.0
+    sphere_radius: float = 12.5
+    tip_radius: float = 3.0
     extra: Mapping[str, Any] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
@@ -49,8 +56,13 @@ class Workspace:
             "post_radius",
             "tool_radius",
             "bar_radius",
+            "clearance",
+            "sphere_radius",
+            "tip_radius",
         )
         positive("workspace", **{name: getattr(self, name) for name in names})
+        radii = {"sphere_radius": self.sphere_radius, "tip_radius": self.tip_radius}
+        at_most("workspace", ARTEFACT_MM, "mm", "no sphere or tip of a touch probe is larger", **radii)
         numbers("workspace", "bar_lengths", self.bar_lengths, example="bar_lengths = [100.0, 150.0]")
         for length in self.bar_lengths:
             positive("workspace", bar_lengths=length)
@@ -157,6 +169,13 @@ class Machine(OnScreen):
     def table_axis(self) -> str | None:
         """The rotary axis that carries the table: of those on the workpiece side the one next to the workpiece."""
         return next((name for name in self.structure.workpiece if self.axes[name].rotary), None)
+
+    def reach(self, name: str) -> tuple[float, float]:
+        """What plans use of an axis' travel, mm or degree: linear axes keep the workspace's clearance off its ends."""
+        axis = self.axes[name]
+        low, high = axis.travel
+        inside = 0.0 if axis.rotary else min(self.workspace.clearance, 0.1 * (high - low))
+        return low + inside, high - inside
 
     @property
     def table_centre(self) -> tuple[float, float]:

@@ -5,9 +5,11 @@ blocked_moves(machine, run, program_steps(machine, run, post))           # [] : 
 """
 
 from symfive.moves._bodies import (
+    BALL_RADIUS,
     NOSE_LENGTH,
     angle_clearance,
     least_elevation,
+    least_upright,
     nose_may_reach_post,
     nose_over_table,
     post_clearance,
@@ -19,7 +21,7 @@ from symfive.moves._order import kept_apart, move_times, out_and_back, round_tri
 from symfive.moves._ways import REMEDY, Tested, Ways, cleared
 
 __all__ = [
-    "NOSE_LENGTH", "REMEDY", "Clearances", "Moves", "Rod", "Tested", "Ways", "angle_clearance", "apart", "blocked_moves",
-    "cleared", "kept_apart", "least_elevation", "move_times", "nose_may_reach_post", "nose_over_table", "out_and_back",
-    "post_clearance", "round_trip", "there_and_back",
+    "BALL_RADIUS", "NOSE_LENGTH", "REMEDY", "Clearances", "Moves", "Rod", "Tested", "Ways", "angle_clearance", "apart",
+    "blocked_moves", "cleared", "kept_apart", "least_elevation", "least_upright", "move_times", "nose_may_reach_post",
+    "nose_over_table", "out_and_back", "post_clearance", "round_trip", "there_and_back",
 ]  # fmt: skip

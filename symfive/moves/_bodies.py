@@ -41,6 +41,19 @@ def least_elevation(workspace: Workspace) -> float:
     return max(LEAST_ELEVATION, -math.degrees(math.atan2(POST_TOP, radius)))
 
 
+def post_under_sphere(workspace: Workspace) -> float:
+    """How far under the centre of a touch probe's sphere its post ends, mm: in the sphere, or below it where it is thicker."""
+    sphere, post = workspace.sphere_radius, workspace.post_radius or 0.0
+    return math.sqrt(sphere**2 - post**2) if post < sphere else max(sphere, POST_TOP)
+
+
+def least_upright(workspace: Workspace) -> float:
+    """Cosine of the largest tilt at which a tip at the sphere's equator passes beside its post or above the post's end."""
+    sphere, tip, post = workspace.sphere_radius, workspace.tip_radius, workspace.post_radius or 0.0
+    above = min(max(post_under_sphere(workspace) - tip, 0.0) / (sphere + tip), 1.0)
+    return min((post + tip) / (sphere + tip), math.sqrt(1.0 - above**2))
+
+
 def nose_over_table(workspace: Workspace, place: Any, axis: Any) -> list[Any]:
     """Height of the lowest point of either end of the nose over the table; `place` of the tool ball, `axis` of the tool."""
     radius, above = _nose(workspace)
@@ -48,16 +61,19 @@ def nose_over_table(workspace: Workspace, place: Any, axis: Any) -> list[Any]:
     return [place[2] + height * axis[2] - reach for height in (above, above + NOSE_LENGTH)]
 
 
-def angle_clearance(workspace: Workspace, axis: Any, direction: Any, length: Any, thick: float = 0.0) -> Any:
-    """Of the nose and a rod of some length and radius that begins at the tool ball and points along `direction`.
+def angle_clearance(
+    workspace: Workspace, axis: Any, direction: Any, length: Any, thick: float, end: float = 0.0
+) -> Any:
+    """Of the nose and a rod of some length and radius that begins at the tool ball and points along `direction`, with a ball of
+    radius `end` at its other end; both are to keep the workspace's clearance.
 
     The rod passes under the nose where it is too short or too far from the tool's axis: given as a difference of cosines.
     Its mantle passes the rim of the nose, `rim` away, where its axis is turned away from it by asin(thick/rim).
     """
     radius, above = _nose(workspace)
-    rim = math.hypot(above, radius)
-    angle = math.atan2(radius, above) + math.asin(min(thick / rim, 1.0))
-    return ca.fmax(above / length, math.cos(angle)) - ca.dot(direction, axis)
+    rim, kept = math.hypot(above, radius), workspace.clearance
+    angle = math.atan2(radius, above) + math.asin(min((thick + kept) / rim, 1.0))
+    return ca.fmax((above - end - kept) / length, math.cos(angle)) - ca.dot(direction, axis)
 
 
 def nose_may_reach_post(workspace: Workspace) -> bool:

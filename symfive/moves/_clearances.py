@@ -13,13 +13,15 @@ from symfive.campaign import Run
 from symfive.compiled import Mapped
 from symfive.kinematics import ball_in_workpiece, chain_poses
 from symfive.machine import Machine
-from symfive.moves._bodies import BALL_RADIUS, NOSE_LENGTH, POST_TOP, TABLE_EDGE, least_elevation
+from symfive.moves._bodies import BALL_RADIUS, NOSE_LENGTH, POST_TOP, TABLE_EDGE, least_elevation, post_under_sphere
 from symfive.moves._distance import Rod, apart
 
 TABLE_DEPTH = 2000.0
 """mm of the table as a body: nobody says what is under it."""
 ON_THE_BAR = ("spindle nose and bar", "bar and post", "bar and table", "bar and cup")
 """Pairs that exist only while the bar is on."""
+NEAR = (*ON_THE_BAR[1:], "tool and table ball", "tip and post")
+"""Pairs that come near while the instrument reads."""
 
 
 class Clearances:
@@ -38,7 +40,17 @@ class Clearances:
             "ball_bar" in run.instrument,
             bool({"ball_bar", "r_test", "touch_probe"} & set(run.instrument)),
         )
-        nose = machine.workspace.spindle_nose
+        workspace = machine.workspace
+        self.probe = "touch_probe" in run.instrument
+        self.end = "tip" if self.probe else "tool ball" if self.bar else ""
+        self.sphere, self.tip = BALL_RADIUS, BALL_RADIUS
+        self.stem, self.post = workspace.tool_radius or 0.0, workspace.post_radius or 0.0
+        self.under = POST_TOP
+        if self.probe:  # the stem of a stylus is no thicker than its tip
+            self.sphere, self.tip = workspace.sphere_radius, workspace.tip_radius
+            self.stem = min(self.stem, self.tip)
+            self.under = post_under_sphere(workspace)
+        nose = workspace.spindle_nose
         self.nose = None if nose is None else float(nose["radius"])
         self.above = float(nose["above_ball"]) if nose is not None else -float(run.tool_ball[2])
         self.reach = math.hypot(self.above + NOSE_LENGTH, self.nose) if self.nose is not None else self.above
@@ -49,6 +61,7 @@ class Clearances:
         others = ["table", "post", "table ball"] if self.stands else ["table"]
         found = [f"{body} and {other}" for body in bodies for other in others]
         found += ON_THE_BAR[self.nose is None :] if self.bar else ()
+        found += [f"{self.end} and post", f"{self.end} and table"] if self.end else ()
         return (*found, *(f"travel of {name}" for name in self.machine.axis_names))
 
     def __call__(self, commands: Array, *, bar: bool = True, enough: float = math.inf) -> Array:
@@ -56,16 +69,19 @@ class Clearances:
         meets none); those above `enough` only at least so large."""
         place, axis = self.frames(commands)
         workspace, count = self.machine.workspace, len(commands)
-        stem = Rod(place, axis, np.full(count, self.above), workspace.tool_radius or 0.0)
+        stem = Rod(place, axis, np.full(count, self.above), self.stem)
         bodies = {"tool": stem}
         if self.nose is not None:
             bodies["spindle nose"] = Rod(place + self.above * axis, axis, np.full(count, NOSE_LENGTH), self.nose)
         x, y, z = self.table_ball
-        post = self._upright(count, (x, y, 0.0), max(z - POST_TOP, 0.0), workspace.post_radius or 0.0)
+        post = self._upright(count, (x, y, 0.0), max(z - self.under, 0.0), self.post)
         ball = self._upright(count, (x, y, z), 0.0, 0.0)
         pairs: dict[str, tuple[Rod, Rod]] = {}
         for name, body in bodies.items():
             pairs |= {f"{name} and post": (body, post), f"{name} and table ball": (body, ball)}
+        if self.end:
+            bodies[self.end] = Rod(place, axis, np.zeros(count))
+            pairs[f"{self.end} and post"] = bodies[self.end], post
         way = place - self.table_ball
         size = np.linalg.norm(way, axis=1)
         if self.bar and bar:
@@ -75,14 +91,15 @@ class Clearances:
             if self.nose is not None:
                 pairs["spindle nose and bar"] = bodies["spindle nose"], rod
         found = self._apart(pairs, bodies, enough)
-        found["tool and table ball"] = np.where(size > 2.0 * BALL_RADIUS, found["tool and table ball"], np.inf)
+        if not self.probe:  # in its nest
+            found["tool and table ball"] = np.where(size > 2.0 * BALL_RADIUS, found["tool and table ball"], np.inf)
         if "bar" in bodies:
             least = math.sin(math.radians(least_elevation(workspace)))
             found["bar and cup"] = (way[:, 2] - least * size) / (
                 1.0 - least
             )  # so that it changes no more than the ball moves
         for i, name in enumerate(self.machine.axis_names):
-            low, high = self.machine.axes[name].travel
+            low, high = self.machine.reach(name)
             found[f"travel of {name}"] = np.minimum(commands[:, i] - low, high - commands[:, i])
         nothing = np.full(count, np.inf)
         return np.stack([found.get(name, nothing) for name in self.names], axis=1)
@@ -97,16 +114,22 @@ class Clearances:
         all."""
         radius, found = self.machine.workspace.table_radius, {}
         if radius is None:
-            found = {f"{name} and table": body.lowest for name, body in bodies.items()}
+            found = {f"{name} and table": body.lowest - self._round(name) for name, body in bodies.items()}
         else:
             foot = (*self.machine.table_centre, -TABLE_DEPTH)
             table = self._upright(len(bodies["tool"].start), foot, TABLE_DEPTH, radius + TABLE_EDGE)
             pairs = pairs | {f"{name} and table": (body, table) for name, body in bodies.items()}
-        balls = np.array([BALL_RADIUS if name.endswith("table ball") else 0.0 for name in pairs])[:, None]
+        balls = np.array([[self._round(name)] for name in pairs])
         a, b = (Rod.joined(rods) for rods in zip(*pairs.values(), strict=True))
         far = np.broadcast_to(enough + balls, (len(pairs), len(bodies["tool"].start)))
         gaps = apart(a, b, far.ravel()).reshape(far.shape) - balls
         return found | dict(zip(pairs, gaps, strict=True))
+
+    def _round(self, names: str) -> float:
+        """Radius of the ball that is one of two bodies, whose centre alone is a rod."""
+        if names.endswith("table ball"):
+            return self.sphere
+        return self.tip if self.end and names.startswith(self.end) else 0.0
 
     @staticmethod
     def _upright(count: int, foot: tuple[float, float, float], height: float, radius: float) -> Rod:

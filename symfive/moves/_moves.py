@@ -15,7 +15,7 @@ import numpy as np
 from symfive.arrays import Array, Flags, Indices
 from symfive.campaign import Run
 from symfive.machine import Machine
-from symfive.moves._clearances import ON_THE_BAR, Clearances
+from symfive.moves._clearances import NEAR, ON_THE_BAR, Clearances
 from symfive.nc import Positions, Step
 
 LINEAR_MM, ROTARY_DEG = 4.0, 1.0
@@ -23,8 +23,8 @@ LINEAR_MM, ROTARY_DEG = 4.0, 1.0
 FINE_MM = 0.25
 """What moves so little between two positions is not looked at in between: a clearance is known to half of it."""
 KEPT_OFF, RAPID_MM = 15.0, 5.0
-"""What the tool ball keeps off the nest and all bodies off each other on rapid moves, mm: the operator's tool is a little longer
-or shorter than planned."""
+"""What the tool ball keeps off the nest and all bodies, a probe's tip and sphere among them, off each other on rapid moves, mm:
+the operator's tool is a little longer or shorter than planned."""
 ROUNDING_MM = 1e-3
 AT_ONCE = 8192
 """Positions at which distances are sought at once: what that needs in memory stays small."""
@@ -43,11 +43,16 @@ class Moves:
     def __init__(self, machine: Machine, run: Run) -> None:
         self.machine, self.clearances = machine, Clearances(machine, run)
         self.nest = np.asarray(run.table_ball)
+        touching = machine.workspace.sphere_radius + machine.workspace.tip_radius
+        self.kept_off = touching + RAPID_MM if self.clearances.probe else KEPT_OFF
         self.names = (*self.clearances.names, "tool ball and nest")
-        still = ("travel", *ON_THE_BAR)
-        self.kept = np.array([0.0 if name.startswith(still) else RAPID_MM for name in self.clearances.names])
+        clearance = machine.workspace.clearance
+        self.kept, self.kept_on_rapids = (
+            np.array([0.0 if name.startswith(("travel", *near)) else mm for name in self.clearances.names])
+            for near, mm in ((NEAR, clearance), (ON_THE_BAR, max(clearance, RAPID_MM)))
+        )
         self.bodies = np.array([not name.startswith("travel") for name in self.names])
-        low, high = np.array([machine.axes[n].travel for n in machine.axis_names]).T
+        low, high = np.array([machine.reach(n) for n in machine.axis_names]).T
         self.low, self.high = low - ROUNDING_MM, high + ROUNDING_MM
         self.grain = np.array([ROTARY_DEG if machine.axes[n].rotary else LINEAR_MM for n in machine.axis_names])
 
@@ -127,10 +132,10 @@ class Moves:
         """What is left of every clearance above what must be kept (N, pairs)."""
         chunks = np.array_split(commands, 1 + len(commands) // AT_ONCE)
         values = np.concatenate([self.clearances(chunk, bar=bar, enough=ENOUGH_MM) for chunk in chunks])
-        values -= self.kept if rapid else 0.0
+        values -= self.kept_on_rapids if rapid else self.kept
         off = np.full(len(commands), np.inf)
         if rapid:
-            off = np.linalg.norm(self.clearances.frames(commands)[0] - self.nest, axis=1) - KEPT_OFF
+            off = np.linalg.norm(self.clearances.frames(commands)[0] - self.nest, axis=1) - self.kept_off
         return np.column_stack([values, off])
 
     def _note(self, found: list[str], owner: Indices, left: Array) -> None:

@@ -30,6 +30,7 @@ from symfive.nc import (
     one_by_one,
     out_to_the_top,
     program_steps,
+    stands,
     turned_home,
     upright_axis,
 )
@@ -95,10 +96,12 @@ class Ways:
         standing: list[tuple[Positions, Positions]] = []
         lifting, rapids = list(standing), list(standing)
         for row in rows:
-            pose = {name: float(q[row]) for name, q in self.run.commands.items()}
-            standing.append((pose, pose))
+            entry, *around = self._stand(row) or [{}]
+            if not entry:
+                continue
+            standing += itertools.pairwise((entry, entry, *around))
             if (lifted := next(lifts(self.nominal, self.run, row, self.retracts[0]), None)) is not None:
-                lifting.append((pose, lifted))
+                lifting.append((entry, lifted))
                 up = out_to_the_top(self.machine, lifted)
                 rapids += itertools.pairwise((*up, *one_by_one(up[-1], self._at_home(up[-1]), self.plane)[1:]))
         for moves, rapid, bar in ((standing, False, True), (lifting, False, False), (rapids, True, False)):
@@ -126,14 +129,24 @@ class Ways:
         pose = {name: float(q[row]) for name, q in self.run.commands.items()}
         key = tuple(pose.values())
         if key not in self._out:
-            self._out[key] = self._search(row, pose)
+            self._out[key] = self._search(row)
         return self._out[key]
 
-    def _search(self, row: int, pose: Positions) -> _Out | str:
-        met = self.meets(pose, pose, rapid=False, bar=True)
+    def _stand(self, row: int) -> list[Positions]:
+        """Where the axes are at a pose (`stands`); nowhere where that leaves a travel."""
+        try:
+            return stands(self.machine, self.run, row)
+        except InputError:
+            return []
+
+    def _search(self, row: int) -> _Out | str:
+        entry, *around = self._stand(row) or [{}]
+        if not entry:
+            return "travel"
+        met = next(filter(None, self.met([*itertools.pairwise((entry, entry, *around))], rapid=False, bar=True)), "")
         for mm in self.retracts if not met else ():
             for lifted in lifts(self.nominal, self.run, row, mm):
-                away = self._below(lifted) or self.meets(pose, lifted, rapid=False) or self._leaving(lifted)
+                away = self._below(lifted) or self.meets(entry, lifted, rapid=False) or self._leaving(lifted)
                 if isinstance(away, _Out):
                     return away
                 met = met or away

@@ -35,6 +35,7 @@ from symfive.nc._steps import (
     series_name,
     series_of,
     series_steps,
+    stands,
 )
 from symfive.nc._touch import Probing, touch_reach
 from symfive.nc.heidenhain import HEIDENHAIN
@@ -47,7 +48,7 @@ __all__ = [
     "CAUTION", "DIALECTS", "UNCHECKED", "Dialect", "Positions", "Post", "Probing", "Seat", "Step", "Way", "able", "addressed",
     "along_arcs", "arrival_times", "at_the_top", "can_probe", "check_addresses", "collision_warning", "dialect_of", "lifts",
     "one_by_one", "out_to_the_top", "outside_s", "over_the_top", "pace", "program", "program_steps", "series_name", "series_of",
-    "top_of", "touch_reach",
+    "stands", "top_of", "touch_reach",
     "turned_home", "upright_axis", "which_point", "write_programs",
 ]  # fmt: skip
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from symfive.campaign import Run
 from symfive.machine import Machine
+from symfive.procedures import feed_in
 
 PLANES = ("XY", "YZ", "ZX")
 SAME_MM = 1e-5
@@ -25,8 +26,8 @@ class Circle:
     """A run's path as the control's circular interpolator drives it.
 
     `plane` two axes, positive sense from the first to the second; `centre` of the two, `radius` mm; `start` and `sweep` degree,
-    negative clockwise, overshoot included; `feed` mm/min between getting up to speed and coming to rest; `way` the rows at
-    which it is looked at, a degree apart at most.
+    negative clockwise, overshoot included; `out` mm by which a bar is pulled out at either end; `feed` mm/min between getting up
+    to speed and coming to rest; `way` the rows at which it is looked at, a degree apart at most.
     """
 
     plane: str
@@ -34,6 +35,7 @@ class Circle:
     radius: float
     start: float
     sweep: float
+    out: float
     feed: float
     way: tuple[int, ...]
 
@@ -69,7 +71,7 @@ def circle_of(machine: Machine, run: Run) -> Circle | None:
     way = np.flatnonzero(np.diff(marks, prepend=-1.0))
     return Circle(
         plane=plane, centre={plane[0]: x, plane[1]: y}, radius=radius, start=_neat(phi[0]), sweep=_neat(sweep),
-        feed=float(f"{speed:.6g}"), way=tuple(dict.fromkeys([*way[1:].tolist(), run.rows - 1])),
+        out=feed_in(machine), feed=float(f"{speed:.6g}"), way=tuple(dict.fromkeys([*way[1:].tolist(), run.rows - 1])),
     )  # fmt: skip
 
 

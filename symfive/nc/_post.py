@@ -18,8 +18,8 @@ RETRACT_MM = 50.0
 DWELL_S = 2.0
 READ_S = 10.0
 """Time that a stop takes at which the operator reads."""
-HOUR_S, MACHINE_MM, ARTEFACT_MM = 3600.0, 1e5, 1e3
-"""Longest rest at a pose, what no travel of a machine tool exceeds, and no radius of a sphere or tip."""
+HOUR_S, MACHINE_MM = 3600.0, 1e5
+"""Longest rest at a pose, and what no travel of a machine tool exceeds."""
 AT_POSE = ("dwell", "stop", "trigger")
 UNCHECKED = "Collisions were not checked"
 CARE = "Run the program slowly, one hand on the feed override."
@@ -38,21 +38,18 @@ class Post:
     `tool_centre`: tool-centre point control by the dialect's own words, with the length of tool `tool_number`;
     `tool_centre_on`, `tool_centre_off`: your own lines instead (TRAORI, G43.4 H1, M128, M428 …), which call the length too;
     without either the words are positions of the axes. `reversed_axes`: rotary axes that the control turns against ISO 841.
-    `machine_top`: where the tool's axis is at the top, mm in machine coordinates (controls with G28 need no number).
-    `sphere_radius` and `tip_radius` mm of a touch probe's programs, `probe_on` and `probe_off` your own lines that switch it,
-    `probe_tool` its number in the tool table, where it must be called; `retract_mm` out of the nest; `dwell_s` at each pose,
-    long enough for machine and instrument to settle; `at_pose` what comes then: nothing (`dwell`), a `stop` that shows the
-    number of the pose, or your own lines `trigger` that start a reading; `via` run → row → intermediate positions of the
-    seated move to it, which is straight between them; `unsafe` run → rows to which the way leads around, out of the nest and
-    over the top; `ways` run → row → the way there, from lifted pose to lifted pose (row 0: the lifted pose before the first
-    one, the number of rows: that after the last one, the top, rotary axes home), the usual ones where nothing is given;
-    `tested`: whether all ways were tested for collisions.
+    `machine_top`: where the tool's axis is at the top, mm in machine coordinates (controls with G28 need no number). `probe_on`
+    and `probe_off` your own lines that switch a touch probe, `probe_tool` its number in the tool table, where it must be
+    called; `retract_mm` out of the nest; `dwell_s` at each pose, long enough for machine and instrument to settle; `at_pose`
+    what comes then: nothing (`dwell`), a `stop` that shows the number of the pose, or your own lines `trigger` that start a
+    reading; `via` run → row → intermediate positions of the seated move to it, which is straight between them; `unsafe` run →
+    rows to which the way leads around, out of the nest and over the top; `ways` run → row → the way there, from lifted pose to
+    lifted pose (row 0: the lifted pose before the first one, the number of rows: that after the last one, the top, rotary axes
+    home), the usual ones where nothing is given; `tested`: whether all ways were tested for collisions.
     """
 
     tool_centre: bool = False
     tool_number: int = 1
-    sphere_radius: float = 12.5
-    tip_radius: float = 3.0
     probe_on: str = ""
     probe_off: str = ""
     probe_tool: int | None = None
@@ -70,11 +67,9 @@ class Post:
     tested: bool = False
 
     def __post_init__(self) -> None:
-        positive("programs", dwell_s=self.dwell_s, sphere_radius=self.sphere_radius, tip_radius=self.tip_radius)
+        positive("programs", dwell_s=self.dwell_s)
         at_most("programs", HOUR_S, "s", "in an hour a machine drifts by more than it settles", dwell_s=self.dwell_s)
         at_most("programs", MACHINE_MM, "mm", "no machine tool is larger than 100 m", machine_top=self.machine_top)
-        radii = {"sphere_radius": self.sphere_radius, "tip_radius": self.tip_radius}
-        at_most("programs", ARTEFACT_MM, "mm", "no sphere or tip of a touch probe is larger", **radii)
         if self.at_pose not in AT_POSE:
             raise InputError(f'at_pose = "{self.at_pose}" is unknown', remedy=f"use one of {', '.join(AT_POSE)}")
         if (self.at_pose == "trigger") != bool(self.trigger.strip()):

@@ -22,6 +22,7 @@ from symfive.machine import Machine
 from symfive.nc._base import Dialect, Step, program_name
 from symfive.nc._post import Post
 from symfive.nc._recording import STANDSTILL
+from symfive.nc._route import LEAST_LIFT_MM, Positions
 from symfive.nc._touch import Cycle, Move, Probing, Touch, probing_of
 from symfive.nc._writer import Writer
 
@@ -61,9 +62,10 @@ class ProbeWays(Writer):
 
     def __init__(self, machine: Machine, run: Run, post: Post, probing: Probing | None = None) -> None:
         super().__init__(machine, run, post)
-        self.probing = probing or probing_of(post)
+        self.probing = probing or probing_of(machine)
         self.reach = self.probing.sphere_radius + self.probing.tip_radius
         self.above = np.array([0.0, 0.0, self.reach + self.probing.clearance])
+        self.least_lift = self.reach + LEAST_LIFT_MM
 
     def stays(self, row: int) -> float:
         """Time of a pose's touches, from where it is reached to where it is left, s."""
@@ -76,20 +78,43 @@ class ProbeWays(Writer):
 
     def moves_at(self, row: int) -> Iterator[Move | Touch]:
         """What is done at a pose: down from where it is reached, from touch to touch, up to where it is left."""
+        feed, above = self.probing.between_feed, self._place_words(row, self.above)
+        yield from _moves((self._linear_words(self._way_to(row)[-1]), above), feed, guarded=True)
+        yield from self.touching(row)
+        yield from _moves((above, self._linear_words(self._way_to(row + 1)[0])), feed)
+
+    def touching(self, row: int) -> Iterator[Move | Touch]:
+        """From above the sphere from touch to touch, and back there."""
         off, feed = float(self.above[2]), self.probing.between_feed
-        here, above = self._linear_words(self._way_to(row)[-1]), self._place_words(row, self.above)
+        above = self._place_words(row, self.above)
         for number, touch in enumerate(touches_of(self.run)):
             n = self._in_tool_frame(row, np.asarray(touch))
             if n[2] < -1e-9:
                 problem = f"run {self.run.id}: touch {number + 1} comes from below the sphere's equator"
                 raise InputError(problem, remedy="touch the half of the sphere that faces the tool", keys=("touches",))
             beside, start = (self._place_words(row, np.array([off * n[0], off * n[1], z])) for z in (off, off * n[2]))
-            there = (here, above, beside, start) if number == 0 else (above, beside, start)
-            yield from _moves(there, feed, guarded=True)
+            yield from _moves((above, beside, start), feed, guarded=True)
             yield (done := self._touch(row, number, n))
             yield Move(start=done.contact, end=start, feed=feed)
             yield from _moves((start, beside, above), feed)
-        yield from _moves((above, self._linear_words(self._way_to(row + 1)[0])), feed)
+
+    def steps(self) -> list[Step]:
+        """The moves alone, to contact and back, in no control's words."""
+        found = self.first_moves()
+        for row in range(self.run.rows):
+            if row:
+                found += [self._rapid(a, b, row) for a, b in itertools.pairwise(self._way_to(row))]
+            found += [self._at_pose(row, place) for move in self.moves_at(row) for place in _places(move)]
+        return [*found, *self.last_moves("")]
+
+    def stands(self, row: int) -> list[Positions]:
+        """Positions of all axes, one after the other, while a pose's sphere is touched from above it."""
+        above = self._place_words(row, self.above)
+        places = [above, *(place for move in self.touching(row) for place in _places(move))]
+        return [{**self._commands(row), **place} for place in places]
+
+    def _at_pose(self, row: int, place: Mapping[str, float]) -> Step:
+        return Step(kind="feed", positions=place, commands={**self._commands(row), **place}, towards=row)
 
     def first_moves(self) -> list[Step]:
         """The tool's axis alone to the top, rotary axes, plane, down to the lifted pose."""
@@ -139,10 +164,10 @@ class ProbeWays(Writer):
         fixed = {name: pose[name] for name in self.rotary}
         commands = self.nominal.follow(place[None], self.run.tool_ball, fixed, f"a touch of run {self.run.id}")
         for name, (value,) in commands.items():
-            low, high = self.machine.axes[name].travel
+            low, high = self.machine.reach(name)
             if not low <= value <= high:
                 where = f"run {self.run.id}: touching at pose {row + 1}"
-                problem = f"{where} takes {name} to {value:.1f}, its travel is {low:g} to {high:g}"
+                problem = f"{where} takes {name} to {value:.1f}, a plan uses {low:g} to {high:g} of its travel"
                 raise InputError(problem, remedy="place the sphere elsewhere, or leave that pose out")
         words = self._words({name: float(q[0]) for name, q in commands.items()}, place)
         return {axis: words[axis] for axis in "XYZ"}
@@ -207,6 +232,11 @@ def _moves(places: Sequence[Mapping[str, float]], feed: float, *, guarded: bool 
         move = Move(start=start, end=end, feed=feed, guarded=guarded)
         if move.length >= STANDSTILL:
             yield move
+
+
+def _places(move: Move | Touch) -> tuple[Mapping[str, float], ...]:
+    """Where a move ends; a touch: at the contact."""
+    return (move.contact,) if isinstance(move, Touch) else (move.end,)
 
 
 def _text(lines: str) -> list[Step]:

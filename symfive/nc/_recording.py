@@ -1,6 +1,6 @@
 """How a recording is driven: a circle of two linear axes by the control's own interpolation, any other path in straight blocks.
 
-On a circle the bar is mounted pulled out by `FEED_IN_MM`, fed in radially, which starts its software, and out again after the
+On a circle the bar is mounted pulled out, fed in radially, which starts its software, and out again after the
 arc, at one feed and without a rest in between. The blocks of another path are as few as stay within a stated error of the
 model's path at every instant: that is a straight line between two rows, so the error is known at the rows. Words are the
 ball's place where the control follows it: linear axes that follow a turning table are then one block.
@@ -18,7 +18,7 @@ from symfive.arrays import Array
 from symfive.campaign import Run
 from symfive.nc._arc import Circle
 from symfive.nc._base import Step
-from symfive.procedures import FEED_IN_MM, Nominal
+from symfive.procedures import Nominal
 
 STANDSTILL = 1e-4
 """mm or degree: the last digit that every control reads."""
@@ -31,7 +31,7 @@ BEFORE_FEED_IN_S = 1.0
 def pulled_out(run: Run, circle: Circle, row: int) -> dict[str, float]:
     """Positions of the axes at the first or the last row with the bar pulled out."""
     angle = circle.start + (circle.sweep if row else 0.0)
-    return {**_commands(run, row), **circle.at(angle, circle.radius + FEED_IN_MM)}
+    return {**_commands(run, row), **circle.at(angle, circle.radius + circle.out)}
 
 
 def circular(run: Run, circle: Circle, *, bar: bool) -> list[Step]:
@@ -48,7 +48,7 @@ def circular(run: Run, circle: Circle, *, bar: bool) -> list[Step]:
     radial = [
         Step(
             kind="feed", positions={n: there[n] for n in sorted(circle.plane)}, commands=there, towards=row,
-            seconds=60.0 * FEED_IN_MM / circle.feed, seated=True, feed=circle.feed,
+            seconds=60.0 * circle.out / circle.feed, seated=True, feed=circle.feed,
         )
         for there, row in ((_commands(run, 0), 0), (pulled_out(run, circle, last), last))
         if bar

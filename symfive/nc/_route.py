@@ -18,8 +18,6 @@ rapid depends on the control. It begins and, between two poses, ends at a lifted
 FLAT = 0.2
 """Sine of the angle between tool and table below which drawing back along the tool would not lead away from the table."""
 LEAST_LIFT_MM = 10.0
-TOP_MM = 1.0
-"""So far below the end of its travel the upright axis stays: the work offset is set by hand."""
 
 
 def upright_axis(machine: Machine) -> str:
@@ -32,11 +30,10 @@ def upright_axis(machine: Machine) -> str:
 
 
 def top_of(machine: Machine) -> float:
-    """Position of the upright axis at the upper end of its travel, mm."""
-    axis = machine.axes[upright_axis(machine)]
-    low, high = axis.travel
-    inside = min(TOP_MM, 0.1 * (high - low))
-    return high - inside if axis.direction[2] > 0.0 else low + inside
+    """Position of the upright axis at the upper end of what plans use of its travel, mm."""
+    upright = upright_axis(machine)
+    low, high = machine.reach(upright)
+    return high if machine.axes[upright].direction[2] > 0.0 else low
 
 
 def lifts(nominal: Nominal, run: Run, row: int, mm: float) -> Iterator[dict[str, float]]:
@@ -67,15 +64,13 @@ def lifts(nominal: Nominal, run: Run, row: int, mm: float) -> Iterator[dict[str,
             yield found
 
 
-def usual_lift(nominal: Nominal, run: Run, row: int, mm: float) -> dict[str, float]:
-    """The first of the lifts, shorter where the travel allows no more. Raises `InputError` where it allows none."""
+def usual_lift(nominal: Nominal, run: Run, row: int, mm: float, least: float = LEAST_LIFT_MM) -> dict[str, float]:
+    """The first of the lifts, shorter where the travel allows no more. Raises `InputError` where it allows not even the least."""
     for share in np.linspace(1.0, 0.0, 11):
-        if share * mm >= min(LEAST_LIFT_MM, mm):
+        if share * mm >= min(least, mm):
             for found in lifts(nominal, run, row, float(share * mm)):
                 return found
-    problem = (
-        f"run {run.id}: at line {row + FIRST_LINE} no travel is left to draw the tool back by {LEAST_LIFT_MM:g} mm"
-    )
+    problem = f"run {run.id}: at line {row + FIRST_LINE} no travel is left to draw the tool back by {least:g} mm"
     raise InputError(problem, remedy="move the ball or nest, or use another tool length")
 
 
@@ -115,5 +110,5 @@ def one_by_one(before: Positions, after: Positions, names: Sequence[str]) -> Way
 
 
 def _inside(machine: Machine, name: str, value: float) -> bool:
-    low, high = machine.axes[name].travel
+    low, high = machine.reach(name)
     return low - 1e-9 <= value <= high + 1e-9

@@ -16,6 +16,7 @@ from symfive.nc._base import Step
 from symfive.nc._post import Post
 from symfive.nc._probing import ProbeWays
 from symfive.nc._recording import STANDSTILL, pulled_out
+from symfive.nc._route import Positions
 from symfive.nc._writer import LINEAR, ORIENT_S, ROTARY, Writer
 
 SHORT_REST_S = 0.1
@@ -44,7 +45,7 @@ def program_steps(machine: Machine, run: Run, post: Post | None = None) -> list[
     """The steps of a run's program. Raises `InputError` for an axis whose name is no NC address, and where no travel is left to
     draw the tool back."""
     check_addresses(machine)
-    return _without_standstill(Writer(machine, run, post or Post()).steps())
+    return _without_standstill(_writer_of(machine, run, post or Post()).steps())
 
 
 def series_of(machine: Machine, runs: Sequence[Run]) -> list[tuple[Run, ...]]:
@@ -89,6 +90,14 @@ def series_steps(machine: Machine, runs: Sequence[Run], post: Post | None = None
             steps.append(Step(kind="stop", text=f"STORED? THEN {sense} F{circle.feed:g}"))
         steps += writer.recording()
     return _without_standstill([*steps, *writers[-1].closing()])
+
+
+def stands(machine: Machine, run: Run, row: int) -> list[Positions]:
+    """Positions of all axes from where a row's pose is entered to where it is left: the pose, or a touch probe's way around the
+    sphere. Raises `InputError` where that leaves a travel."""
+    if "touch_probe" in run.instrument:
+        return ProbeWays(machine, run, Post()).stands(row)
+    return [{name: float(q[row]) for name, q in run.commands.items()}]
 
 
 def _writer_of(machine: Machine, run: Run, post: Post) -> Writer:

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from symfive.errors import InputError
+from symfive.machine import Machine
 from symfive.nc._base import Dialect, word
 from symfive.nc._post import Post
 
@@ -41,15 +42,16 @@ class Probing:
                 raise InputError(f"{name} = {value:g} of a probing program is not positive", remedy="give mm or mm/min")
 
 
-def probing_of(post: Post) -> Probing:
+def probing_of(machine: Machine) -> Probing:
     """The user's sphere and tip, all else as usual."""
-    return Probing(sphere_radius=post.sphere_radius, tip_radius=post.tip_radius)
+    workspace = machine.workspace
+    return Probing(sphere_radius=workspace.sphere_radius, tip_radius=workspace.tip_radius)
 
 
-def touch_reach() -> float:
+def touch_reach(machine: Machine) -> float:
     """How far from the sphere's centre the tip goes at most while it touches, mm: √2 times the stand-off, where it goes down
     beside the sphere."""
-    probing = Probing()
+    probing = probing_of(machine)
     return math.sqrt(2.0) * (probing.sphere_radius + probing.tip_radius + probing.clearance)
 
 

@@ -27,7 +27,16 @@ from symfive.nc._base import Step
 from symfive.nc._pace import CAUTION, pace, spread, tenths
 from symfive.nc._post import Post
 from symfive.nc._recording import STANDSTILL, circular, pulled_out, said, straight_blocks
-from symfive.nc._route import Positions, Way, at_the_top, out_to_the_top, over_the_top, upright_axis, usual_lift
+from symfive.nc._route import (
+    LEAST_LIFT_MM,
+    Positions,
+    Way,
+    at_the_top,
+    out_to_the_top,
+    over_the_top,
+    upright_axis,
+    usual_lift,
+)
 from symfive.nc._seat import Seat
 from symfive.procedures import Nominal
 
@@ -56,6 +65,7 @@ class Writer:
         self.places = self.seat.places
         self.bar = "ball_bar" in run.instrument
         self.seated = self.centred = False
+        self.least_lift = LEAST_LIFT_MM
         self._known: dict[bool, dict[int, list[tuple[Array, Array, Array]]]] = {}
         self.circle = circle_of(machine, run)
 
@@ -282,7 +292,10 @@ class Writer:
         if given is not None:
             return given
         rows = [r for r in (row - 1, row) if 0 <= r < self.run.rows]
-        lifted = [usual_lift(self.nominal, self.run, r, self.post.retract_mm) for r in rows]
+        lifted = [
+            usual_lift(self.nominal, self.run, r, max(self.post.retract_mm, self.least_lift), self.least_lift)
+            for r in rows
+        ]
         if len(lifted) == 2:
             return over_the_top(self.machine, *lifted)
         return out_to_the_top(self.machine, lifted[0]) if row else (lifted[0],)

@@ -63,8 +63,7 @@ def _prepared(dialect: Dialect, post: Post) -> Dialect:
     *last, end = dialect.end
     return replace(
         dialect,
-        start=(*dialect.start, call, "CYCL DEF 7.0 DATUM SHIFT", "CYCL DEF 7.1 Z-Q114"),
-        after_first_stop=(),
+        after_first_stop=(call, "CYCL DEF 7.0 DATUM SHIFT", "CYCL DEF 7.1 Z-Q114"),
         end=("TRANS DATUM RESET", *last, *lines, end),
         datum=f"cycle 247 calls datum 1; {call}: the touch probe, in the spindle before; the shift by Q114 takes its length out",
     )

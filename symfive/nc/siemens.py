@@ -1,7 +1,9 @@
 """Siemens Sinumerik 840D: comments after a semicolon, dwell in seconds with F, G93 for the time of a block.
 
 A circle is one block, `TURN` more turns; `G64` is its contouring mode.
-`SUPA` suppresses every frame in its block, `D0` the tool offset, `TRANS` the programmed frames; `MSG` shows its text.
+`SUPA` suppresses every frame in its block, `D0` the tool offset; `TRANS` alone clears the whole programmable frame (turned,
+scaled, mirrored), `TOROTOF` and `PAROTOF` those that follow tool and table. Basic and system frames outlive a program (K2
+08/2005, 2.4.13.4); which of them a control has is the builder's, so the head names them. `MSG` shows its text.
 `MEAS=1` deletes the distance to go on contact; `$AC_MEA[1]` says whether there was one, `$AA_MW[…]` where (work). From the
 maker's documentation.
 """
@@ -69,7 +71,7 @@ SIEMENS = Dialect(
     file=program_name,
     head=("; {name}",),
     start=("G710 G17 G90 G94 G40 G500 D0", "TRANS", "M5", "G54"),
-    rotary=("TRAFOOF",),
+    rotary=("TRAFOOF", "TOROTOF", "PAROTOF"),
     end=("M30",),
     rapid="G0 {words}",
     feed="G1 {words} F{feed}",
@@ -79,7 +81,8 @@ SIEMENS = Dialect(
     retract=("SUPA G0 {words} D0",),
     orient=("SPOS={angle}",),
     comment="; {text}",
-    datum="G54 calls the datum, D0: no tool offset",
+    datum="G54 calls the datum, D0: no tool offset. What the program before left must be zero: basic frame, external and DRF "
+    "offset, swivelled plane (CYCLE800)",
     tool_centre=("T{tool} D1\nTRAORI", "TRAFOOF\nD0"),
     cycle=CYCLE,
 )

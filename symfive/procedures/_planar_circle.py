@@ -6,7 +6,7 @@ The axes get up to the feed with half of their acceleration, within the overshoo
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -27,8 +27,9 @@ from symfive.procedures._setting import (
 )
 
 PLANES = {"XY": (0, 1), "YZ": (1, 2), "ZX": (2, 0)}
-FEED_IN_MM = 1.5
-"""How far a bar is pulled out when it is mounted: its software sees the path into the circle and out of it."""
+FEED_IN_MM, FEED_IN_STROKES = 1.5, 1.5
+"""How far a bar is pulled out at most when it is mounted, mm and in strokes to one side: its software sees the path into the
+circle and out of it, and a bar reaches half as far again as it measures."""
 PARTIAL_DEG = 220.0
 """Arc of a bar over what carries its ball: it dips by 20° below the ball's height at either end."""
 OVERSHOOT_DEG, SHORT_DEG = 180.0, 2.0
@@ -93,13 +94,15 @@ def planar_circle(
             noise_um=noise_um, setup_sigma_um=setup_sigma_um,
         )  # fmt: skip
 
+    used = replace(machine, axes={n: replace(axis, travel=machine.reach(n)) for n, axis in machine.axes.items()})
+
     def fits(arc: _Arc) -> bool:
         """Whether every axis gets around, and the pulled-out bar onto the arc's ends."""
         ends = np.radians([arc.start - arc.overshoot, arc.start + arc.sweep + arc.overshoot])
         around = np.linspace(ends[0], ends[1], 721)
         try:
-            for phi, length in ((around, size), (ends, size + (0.0 if grid else FEED_IN_MM))):
-                within_travel(machine, run_of("arc", np.arange(len(phi), dtype=float), phi, length), place="the arc")
+            for phi, length in ((around, size), (ends, size + (0.0 if grid else feed_in(machine)))):
+                within_travel(used, run_of("arc", np.arange(len(phi), dtype=float), phi, length), place="the arc")
         except InputError:
             return False
         return True
@@ -120,6 +123,11 @@ def planar_circle(
             runs.append(checked(machine, run_of(id, time, phi, size), feed=mm_per_min, place=place))
         check_spacing(speed, rate_hz)
     return one_after_another(runs)
+
+
+def feed_in(machine: Machine) -> float:
+    """How far the machine's bar is pulled out when it is mounted for a circle, mm."""
+    return min(FEED_IN_MM, FEED_IN_STROKES * machine.workspace.bar_stroke)
 
 
 def _arcs(

@@ -19,7 +19,10 @@ MACRO_TEXT = 26
 """Characters of #3006 that the screen shows."""
 PLANES = {"17": ("X", "Y"), "18": ("Z", "X"), "19": ("Y", "Z")}
 SETTINGS = re.compile(r"17|18|19|21|40|49|50|6[01]|61\.1|64|69|71|80|9[012]\.1|500|60[1-3]|64[25]|710|43(\.4)?|9[0134]")
-NAMED = set("TRAORI TRAFOOF STOPRE DIAMOF SOFT BRISK FFWON FFWOF COMPOF ORIMKS ORIWKS CYCLE800 TRANS ROT SUPA".split())  # noqa: SIM905
+NAMED = {
+    "TRAORI", "TRAFOOF", "TOROTOF", "PAROTOF", "STOPRE", "DIAMOF", "SOFT", "BRISK", "FFWON", "FFWOF", "COMPOF", "ORIMKS",
+    "ORIWKS", "CYCLE800", "TRANS", "ROT", "SUPA",
+}  # fmt: skip
 BY_OPERATOR = re.compile(r"TURN SPINDLE TO ([-\d.]+) DEG")
 """A stop at which the operator turns the spindle, where the control has no words for it."""
 IGNORED_M = {"2", "5", "9", "19", "30", "17", "62", "63", "64", "65"}

@@ -29,17 +29,25 @@ OUT_MM = 1.75
 
 
 def travel(path: Path) -> Iterator[Finding]:
-    """Every axis stays within its travel along every block."""
+    """Every axis stays within its travel along every block, linear ones clear of its ends at a feed."""
     low, high = path.machine.travel.T
-    beyond = np.maximum(low - path.q, path.q - high)
+    spare = np.where(path.machine.rotary, 0.0, np.minimum(_clearance(path), 0.1 * (high - low)))
+    kept = np.where(path.rapid[:, None], 0.0, spare)
+    beyond = np.maximum(low - path.q, path.q - high) + kept
     yield from _worst(path, "travel", beyond.max(axis=1), 1e-3, lambda k: _axis_beyond(path, beyond, k))
+
+
+def _clearance(path: Path) -> float:
+    """What bodies keep off each other, and linear axes off the ends of their travel, mm."""
+    return float(path.machine.workspace.get("clearance", 2.0))
 
 
 def _axis_beyond(path: Path, beyond: Array, k: int) -> str:
     i = int(np.argmax(beyond[k]))
     low, high = path.machine.travel[i]
     unit = _unit(path, i)
-    return f"{path.machine.names[i]} {path.q[k, i]:.3f} {unit} leaves its travel of {low:g} to {high:g} {unit}"
+    where = f"{path.machine.names[i]} {path.q[k, i]:.3f} {unit}"
+    return f"{where} leaves its travel of {low:g} to {high:g} {unit}, or comes near its end"
 
 
 def feeds(path: Path) -> Iterator[Finding]:
@@ -88,22 +96,24 @@ def clearances(path: Path) -> Iterator[Finding]:
         pairs.append(("spindle nose and ball bar", path.nose, path.bar, on_bar))
     pairs.append(("ball bar and table", path.bar, path.table, on_bar & (path.bar.lowest() < 0.0)))
     pairs.append(("ball bar and what carries the table ball", path.bar, path.post, on_bar))
-    kept = np.where(path.rapid, RAPID_MM, 0.0)
     for name, a, b, where in pairs:
+        near = "ball bar and" in name or (path.run.probe and name == "tool and what carries the table ball")
+        kept = np.where(path.rapid, max(RAPID_MM, _clearance(path)), 0.0 if near else _clearance(path))
         found = np.full(len(where), np.inf)
         if where.any():
             found[where] = clearance(a.at(where), b.at(where))
         yield from _worst(path, "clearance", kept - found, TOUCH, partial(_close, name, found))
-    yield from _table_ball(path, stands, kept)
+    yield from _table_ball(path, stands)
 
 
-def _table_ball(path: Path, stands: NDArray[np.bool_], kept: Array) -> Iterator[Finding]:
+def _table_ball(path: Path, stands: NDArray[np.bool_]) -> Iterator[Finding]:
     """Spindle nose and, where the tool ball is not at the table ball, tool keep off the table ball."""
     centre = np.broadcast_to(path.run.table_ball, path.ball.shape)[:, None, :]
     apart = np.linalg.norm(path.ball - path.run.table_ball, axis=1) > 2.0 * BALL_RADIUS
     for name, body, where in (("spindle nose", path.nose, stands), ("tool", path.stem, stands & apart)):
         if body is not None:
             found = np.where(where, body.distance(centre)[:, 0] - BALL_RADIUS, np.inf)
+            kept = np.where(path.rapid, RAPID_MM, _clearance(path) if name == "spindle nose" else 0.0)
             yield from _worst(path, "clearance", kept - found, TOUCH, partial(_close, f"{name} and table ball", found))
 
 

@@ -59,7 +59,8 @@ DIALECTS: dict[str, Dialect] = {
         reads_comment=True,
     ),
     "siemens": Dialect(
-        suffix=".mpf", top="SUPA G0 Z-3.00000 D0", calls=("TRAFOOF", "G710 G17 G90 G94 G40 G500 D0", "TRANS", "G54"),
+        suffix=".mpf", top="SUPA G0 Z-3.00000 D0",
+        calls=("TRAFOOF", "TOROTOF", "PAROTOF", "G710 G17 G90 G94 G40 G500 D0", "TRANS", "G54"),
         screen=r'MSG\("([^"]+)"\)\nM0\nMSG\(\)', orient=r"SPOS=(\d+)",
         circle=(IN, f"{TURN} TURN=1 F1000", OUT), spoiled=("TURN=1", "TURN=2", "turns by"),
         needed=("G17", ("G71", "G710"), "G40", "G90", ("D0", "D1"), "datum"), turning=("TRAFOOF",),
