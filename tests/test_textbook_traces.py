@@ -141,6 +141,22 @@ def test_spikes_of_two_axes_stay_friction_beside_a_mismatch_of_their_gains():
     assert {name for name, _ in found} == {"friction", "servo_mismatch"}
 
 
+@pytest.mark.slow
+def test_a_vibration_has_a_phase_of_its_own_in_each_circle():
+    """Nobody knows the pause between two circles to a fraction of its cycle. With one phase a second tone of a neighbouring
+    frequency stood beside it."""
+    hertz, amplitude, read = 1.3, 1.5, {}
+    for s, phase in ((1, 1.0), (-1, 2.9)):
+        angle, deviation = trace(s, (0.0, 0.0), 0.0, 7 + s)
+        time = np.abs(np.radians(angle)) * RADIUS / (FEED / 60.0)
+        read[s] = deviation + amplitude * np.sin(2.0 * np.pi * hertz * time + phase) * np.cos(np.radians(angle))
+    (tone,) = diagnose(turns(read)).findings
+    assert tone.name == "vibration" and tone.confidence > 0.99
+    assert tone.parameters["frequency_hz"].value == pytest.approx(hertz, abs=1e-3)
+    assert tone.parameters["seen"].value == pytest.approx(amplitude, rel=0.05)
+    assert "phase" not in tone.parameters
+
+
 def test_readings_next_to_a_reversal_are_left_out():
     machine = preset("three-axis")
     angle, deviation = trace(1, (5.0, 11.0), 0.0, 1)

@@ -81,7 +81,7 @@ class Scan:
 class Tone:
     """Forms that are a sine over a coordinate, (run) → (N,): cycles per unit from `lowest` to `highest` are looked for.
 
-    `form` (cycles per unit, their resolution, number of places) makes the exact form.
+    `form` (cycles per unit, their resolution, number of places) makes the exact form. `apart`: of each run with its own phase.
     """
 
     channel: str
@@ -91,6 +91,7 @@ class Tone:
     form: Callable[[float, float, int], Form]
     axis: str | None = None
     runs: tuple[str, ...] = field(default=())
+    apart: bool = False
 
 
 Forms = Iterable[Form | Scan | Tone]

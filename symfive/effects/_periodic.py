@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
-from typing import Any, Self
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import Any, ClassVar, Self
 
 import casadi as ca
 import numpy as np
@@ -13,7 +14,16 @@ import numpy as np
 from symfive.arrays import Array
 from symfive.effects._base import Effect
 from symfive.effects._form import Form, Tone
-from symfive.effects._quantity import Covariance, Quantity, Values, amplitude_and_phase, own_quantity
+from symfive.effects._quantity import (
+    Covariance,
+    Quantity,
+    Values,
+    amplitude_and_phase,
+    length_spread,
+    own_quantity,
+    propagate,
+    seen_length,
+)
 from symfive.errors import InputError
 from symfive.motion import Position
 from symfive.parameters import Parameter
@@ -94,9 +104,18 @@ class Periodic(Effect):
 
 @dataclass(frozen=True, kw_only=True)
 class Tonal(Effect):
-    """sin·sin(2πft) + cos·cos(2πft), t on the campaign's clock, f near `frequency_hz`."""
+    """sin·sin(2πft) + cos·cos(2πft), f near `frequency_hz`, t on the campaign's clock.
 
+    `phases`: `common` to all runs, or of each `run` its own, with amplitudes of its own: the start of a run is often not known
+    to a fraction of a cycle, and what swings may change between runs.
+    """
+
+    choices: ClassVar[tuple[tuple[str, tuple[str, ...]], ...]] = (("phases", ("common", "run")),)
     frequency_hz: float
+    phases: str = "common"
+
+    def _key(self, *parts: str | None) -> str:
+        return super()._key(*parts, "by_run" if self.phases == "run" else None)
 
     def prepare(self, campaign: Campaign) -> Self:
         if not (self.frequency_hz > 0.0 and math.isfinite(self.frequency_hz)):
@@ -108,25 +127,74 @@ class Tonal(Effect):
         """Where in some runs to look for one."""
         longest = max((run.duration for run in runs), default=0.0)
         shortest = max((2.0 * run.interval for run in runs), default=1.0)
+        if longest < LEAST_CYCLES * shortest:
+            return
+        for phases in ("common", "run")[: len(runs)]:
 
-        def form(frequency: float, resolution: float, places: int) -> Form:
-            return Form(effect=cls(axis=axis, frequency_hz=frequency), places=places)
+            def form(frequency: float, resolution: float, places: int, phases: str = phases) -> Form:
+                return Form(effect=cls(axis=axis, frequency_hz=frequency, phases=phases), places=places)
 
-        if longest >= LEAST_CYCLES * shortest:
             yield Tone(
                 channel=channel, axis=axis, coordinate=lambda run: run.start_s + np.asarray(run.time),
                 lowest=LEAST_CYCLES / longest, highest=0.98 / shortest, form=form, runs=tuple(run.id for run in runs),
+                apart=phases == "run",
             )  # fmt: skip
 
     def frequency(self, campaign: Campaign) -> Parameter:
         """f, known to the inverse of the longest run."""
-        span = max([1.0, *(float(run.time[-1] - run.time[0]) for run in campaign.runs if self.applies(run))])
+        span = max([1.0, *(float(run.time[-1] - run.time[0]) for run in self._runs(campaign))])
         return self.own("frequency_hz", "Hz", 1.0 / span, mean=self.frequency_hz, lower=0.5 * self.frequency_hz)
 
-    def sine_and_cosine(self, row: Row) -> tuple[Any, Any]:
-        """Of 2πft at a row."""
+    def _runs(self, campaign: Campaign) -> list[Run]:
+        return [run for run in campaign.runs if self.applies(run)]
+
+    def pairs(self, campaign: Campaign, unit: str, sigma: float, channel: str = "") -> Iterator[Parameter]:
+        """The amplitudes of sine and cosine, of every run if its phase is its own, of a `channel` (as `x.`)."""
+        owners = self._runs(campaign) if self.phases == "run" else [None]
+        for run, part in product(owners, ("sin", "cos")):
+            found = self.own(channel + part, unit, sigma)
+            yield found if run is None else replace(found, name=run.full_name(f"setup.{found.name}"), run=run.id)
+
+    def swing(self, row: Row, channel: str = "") -> Any:
+        """How far a channel is out at a row."""
         angle = 2.0 * math.pi * self.parameter(row, "frequency_hz") * row.clock
-        return ca.sin(angle), ca.cos(angle)
+        own = f"{'setup.' if self.phases == 'run' else ''}{self.key}.{channel}"
+        return row.parameter(f"{own}sin") * ca.sin(angle) + row.parameter(f"{own}cos") * ca.cos(angle)
+
+    def tone(
+        self, parameters: Sequence[Parameter], channels: int, values: Values, covariance: Covariance
+    ) -> tuple[dict[str, Quantity], Array, Array]:
+        """Frequency, `amplitude` along the main axis of the (in general elliptic) motion of all channels, what is `seen` of it,
+        and its `phase` if it is common, else root mean squares over the runs; the direction of that axis and its 1σ (channels,).
+
+        `parameters`: the pairs, channel by channel, and the frequency.
+        """
+        *pairs, frequency = parameters
+        names = [p.name for p in pairs]
+
+        def main(p: Array) -> tuple[float, Array, float]:
+            left, sizes, right = np.linalg.svd(p.reshape(channels, -1))
+            sign = 1.0 if left[np.argmax(np.abs(left[:, 0])), 0] > 0.0 else -1.0
+            size = float(sizes[0]) * (right.shape[1] / 2.0) ** -0.5
+            return size, sign * left[:, 0], math.atan2(sign * right[0, 1], sign * right[0, 0])
+
+        amplitude, direction, phase = main(np.array([values[name] for name in names]))
+
+        def heading(p: Array) -> Array:
+            _, way, angle = main(p)
+            return np.append(way, phase + math.remainder(angle - phase, 2.0 * math.pi))
+
+        *ways, turn = propagate(heading, names, values, covariance)[1].tolist()
+        spread = length_spread(lambda p: main(p)[0], names, values, covariance)
+        unit, runs = pairs[0].unit, len({p.run for p in pairs})
+        found = {
+            "frequency_hz": own_quantity(frequency, values, covariance),
+            "amplitude": Quantity(amplitude, spread, unit),
+            **{name: q.times(runs**-0.5) for name, q in seen_length(names, unit, values, covariance).items()},
+        }
+        if self.phases == "common":
+            found["phase"] = Quantity(phase, min(turn, math.pi), "rad")
+        return found, direction, np.minimum(ways, 1.0)
 
 
 def reach_and_shortest(runs: Iterable[Run], axis: str) -> tuple[float, float]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from symfive.effects._force import SizedForce, driven_axes
 from symfive.effects._form import FORCE, Forms
 from symfive.effects._periodic import Tonal
-from symfive.effects._quantity import Covariance, Quantity, Values, amplitude_and_phase, own_quantity
+from symfive.effects._quantity import Covariance, Quantity, Values
 from symfive.instruments.drive_force import DriveForce, driven_axis
 from symfive.parameters import Parameter
 from symfive.row import Row
@@ -38,19 +38,11 @@ class ForceVibration(Tonal, SizedForce):
             yield from cls.tones(runs, FORCE, axis)
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
-        sizes = (self.own(part, self.force_unit(campaign), self.sigma_force or 1.0) for part in ("sin", "cos"))
-        return (*sizes, self.frequency(campaign))
+        return (*self.pairs(campaign, self.force_unit(campaign), self.sigma_force or 1.0), self.frequency(campaign))
 
     def apply(self, row: Row) -> None:
-        sine, cosine = self.sine_and_cosine(row)
-        row.add_reading(DriveForce.name, self.parameter(row, "sin") * sine + self.parameter(row, "cos") * cosine)
+        row.add_reading(DriveForce.name, self.swing(row))
 
     def describe(self, campaign: Campaign, values: Values, covariance: Covariance) -> dict[str, Quantity]:
         """Frequency, amplitude and phase."""
-        sine, cosine, frequency = self.parameters(campaign)
-        amplitude, phase = amplitude_and_phase(sine.name, cosine.name, sine.unit, values, covariance)
-        return {
-            "frequency_hz": own_quantity(frequency, values, covariance),
-            "amplitude": amplitude,
-            "phase": phase,
-        }
+        return self.tone(self.parameters(campaign), 1, values, covariance)[0]

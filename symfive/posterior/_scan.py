@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 
@@ -138,14 +139,15 @@ class _Seen:
         """The highest peak of the spectrum."""
         runs = [run for run in self.campaign.runs if not tone.runs or run.id in tone.runs]
         at = {run.id: tone.coordinate(run) for run in runs}
-        low = min(float(x.min()) for x in at.values())
-        reach = max(float(x.max()) for x in at.values()) - low
+        together = [[run] for run in runs] if tone.apart else [runs]
+        ends = [[each(each(at[run.id]) for run in some) for each in (min, max)] for some in together]
         step = 1.0 / (FINE * tone.highest)
-        count = int(2 ** np.ceil(np.log2(2.0 * reach / step + 2.0)))
+        count = int(2 ** np.ceil(np.log2(2.0 * max(high - low for low, high in ends) / step + 2.0)))
         score = np.zeros(count // 2 + 1)
-        for part in range(self._tangent(runs[0], (tone.channel, tone.axis)).shape[2]):
+        parts = range(self._tangent(runs[0], (tone.channel, tone.axis)).shape[2])
+        for part, (some, (low, _)) in product(parts, zip(together, ends, strict=True)):
             grid, power = np.zeros(count), 1.0
-            for run in runs:
+            for run in some:
                 answer = self._tangent(run, (tone.channel, tone.axis))[:, :, part]
                 grid += _spread(at[run.id] - low, np.sum(answer * self._twice[run.id], axis=1), step, count)
                 power += 0.5 * float(np.sum(self._white(run, answer[:, :, None]) ** 2))

@@ -129,11 +129,11 @@ class Tables:
             typical = {name: size for effect in starting for name, size in effect.typical(campaign).items()}
             values.append({**typical, **fit.named})
         self._started = {p.name for effect in starting for p in starts_of(effect, campaign)}
-        self._held_starts = {p.name for effect in held for p in starts_of(effect, campaign)}
+        self._held_own = {p.name for effect in held for p in own_parameters(effect, campaign)}
         own = {p.name for effect in held for p in effect.parameters(campaign)}
         # a fit that ends at a bound would go on: there is no slope beyond it
         self._stopped = {p.name for p in fit.parameters if p.name in own and not p.lower < fit[p.name] < p.upper}
-        kept = [p for p in fit.parameters if p.run is None and p.name not in own]
+        kept = [p for p in fit.parameters if p.run is None and p.name not in self._held_own]
         self.geometry = len(kept)
         self.departure = np.array([(fit[p.name] - p.mean) / p.sigma for p in kept])
         self._place = {p.name: (i, p.sigma) for i, p in enumerate(kept)}
@@ -246,7 +246,7 @@ class Tables:
     def _known(self, run: Run) -> tuple[list[int], list[int]]:
         """Which columns of a run's linearisation are its set-up, and which belong to the whole campaign."""
         parameters = [self.fit.parameters[number] for number in self._lines[run.id][0].columns]
-        setup = [k for k, p in enumerate(parameters) if p.run is not None and p.name not in self._held_starts]
+        setup = [k for k, p in enumerate(parameters) if p.run is not None and p.name not in self._held_own]
         return setup, [k for k, p in enumerate(parameters) if p.run is None]
 
     def __iter__(self) -> Iterator[Table]:
