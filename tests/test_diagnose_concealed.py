@@ -290,13 +290,17 @@ def test_what_is_not_known_of_a_name_is_in_the_uncertainty_of_the_geometry(tmp_p
     own = ((0, 1.0),)
     other = ((next(k for k, t in enumerate(terms) if t.effect.key == "gravity_sag.B.EXB"), 1.0),)
     sure, unsure = (replace(posterior, mass=mass) for mass in ({own: 0.0}, {own: 0.0, other: 0.0}))
-    assert model_averaged(sure, here.fit, here.fit).covariance == pytest.approx(here.fit.covariance)
+    here = replace(here, others=())
+    assert model_averaged(sure, here, here.fit).covariance == pytest.approx(here.fit.covariance)
     there = refitted(posterior.moments, other).fit
     name = max((p.name for p in here.fit.parameters if p.name in machine["errors"]),
                key=lambda name: abs(there[name] - here.fit[name]) / here.fit.uncertainty(name))  # fmt: skip
     assert abs(there[name] - here.fit[name]) > 3.0 * here.fit.uncertainty(name)
     expected = np.hypot(here.fit.uncertainty(name), np.sqrt(0.5) * (there[name] - here.fit[name]))
-    assert model_averaged(unsure, here.fit, here.fit).uncertainty(name) == pytest.approx(expected, rel=1e-6)
+    assert model_averaged(unsure, here, here.fit).uncertainty(name) == pytest.approx(expected, rel=1e-6)
+    reshaped = replace(here, others=((0.25, there),))
+    expected = np.hypot(here.fit.uncertainty(name), 0.5 * (there[name] - here.fit[name]))
+    assert model_averaged(sure, reshaped, here.fit).uncertainty(name) == pytest.approx(expected, rel=1e-6)
 
 
 @pytest.mark.slow

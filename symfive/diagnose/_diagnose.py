@@ -71,7 +71,7 @@ def diagnose(
     if seen is not campaign:
         progress("predicting the rows outside the search")
         here, searched = validated(before, here, campaign, Split(UNSEEN, lambda run: rows[run.id]))
-    start, first = before, here.fit
+    start, first = before, here
     if seen is not campaign:
         progress("identifying from all rows")
         before, here = baseline(campaign), over_all(here, campaign)
@@ -84,7 +84,7 @@ def diagnose(
             plain, gone = withdraw(laws, before, whole, split)
             if worse_held_out(here, plain, whole, split):
                 withdrawn = (*variations_withdrawn(full, laws, whole, split), *gone)
-                posterior, here, first = other, plain, same.fit
+                posterior, here, first = other, plain, same
         hold_out_result = held_out(before, here.fit, whole, split, withdrawn)
     verdicts = verdicts_on(posterior)
     if searched is not None or hold_out_result is not None:
@@ -97,7 +97,7 @@ def diagnose(
         detection = detect(fitted(before.model, [before.named], here.node, here.kappa2, after), level=false_alarms)
     location = located(posterior.moments, detection)
     progress("planning the next test")
-    findings = findings_of(posterior, here, before, verdicts, location)
+    findings = findings_of(posterior, first, here, before, verdicts, location)
     progress("cross-validation: leaving out runs in turn")
     return Diagnosis(
         p_value=_p_value(posterior),

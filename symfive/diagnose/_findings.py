@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 
@@ -64,17 +64,31 @@ def moved(before: Identification, after: Identification, most: int = 8) -> dict[
     return {name: (before[name], after[name]) for _, name in sorted(ranked, reverse=True)[:most]}
 
 
-def model_averaged(posterior: Posterior, here: Identification, after: Identification) -> Identification:
-    """The final fit, its covariance with what is not known of the names: Σ w Δ Δᵀ over the other subsets, Δ what each does to
-    the other parameters of `here`, the fit of what the search saw, w its probability (J. A. Hoeting et al. 1999, (2))."""
+def model_averaged(posterior: Posterior, here: Expansion, after: Identification) -> Identification:
+    """The final fit, its covariance with what is not known of the names and shapes: Σ w Δ Δᵀ over the other subsets and shapes, Δ
+    what each does to the other parameters of `here`, the fit of what the search saw, w its probability (J. A. Hoeting et al.
+    1999, (2))."""
     held = frozenset(range(posterior.moments.held))
     others = {terms: weight for terms, weight in posterior.weights.items() if terms != held and weight > OPEN}
-    covariance, mine = after.covariance.copy(), here.named
-    for terms in sorted(others, key=lambda terms: -others[terms])[:REFITS]:
-        there = refitted(posterior.moments, _most_probable(posterior, terms)).fit.named
-        change = np.array([there.get(p.name, mine[p.name]) - mine[p.name] for p in after.parameters])
-        covariance += others[terms] * np.outer(change, change)
-    return replace(after, covariance=covariance)
+    likely = sorted(others, key=lambda terms: -others[terms])[:REFITS]
+    fits = [(others[terms], refitted(posterior.moments, _most_probable(posterior, terms)).fit) for terms in likely]
+    return _averaged(after, here.fit, (*fits, *here.others))
+
+
+def _averaged(
+    fit: Identification, here: Identification, others: Iterable[tuple[float, Identification]]
+) -> Identification:
+    """A fit whose covariance contains what others, with their weights, differ from `here` by. An amplitude that another shape of
+    an effect lacks is where it does nothing."""
+    campaign, mine = fit.model.campaign, here.named
+    sizes = {effect.key: {p.name: p.mean for p in effect.amplitudes(campaign)} for effect in fit.model.added}
+    covariance = fit.covariance.copy()
+    for weight, other in others:
+        there = {name: mean for e in other.model.added for name, mean in sizes.get(e.key, {}).items()} | other.named
+        both = there.keys() & mine.keys()
+        change = np.array([there[p.name] - mine[p.name] if p.name in both else 0.0 for p in fit.parameters])
+        covariance += weight * np.outer(change, change)
+    return replace(fit, covariance=covariance)
 
 
 def _most_probable(posterior: Posterior, terms: frozenset[int]) -> Subset:
@@ -84,17 +98,23 @@ def _most_probable(posterior: Posterior, terms: frozenset[int]) -> Subset:
 
 
 def findings_of(
-    posterior: Posterior, here: Expansion, before: Identification, verdicts: Sequence[Verdict], location: Location
+    posterior: Posterior,
+    searched: Expansion,
+    here: Expansion,
+    before: Identification,
+    verdicts: Sequence[Verdict],
+    location: Location,
 ) -> tuple[Finding, ...]:
-    """What was decided, in the order of the evidence that each adds to all others. `here`: the fit that the posterior is
-    expanded at, `before` the baseline.
+    """What was decided, in the order of the evidence that each adds to all others. `searched`: the fit that the posterior is
+    expanded at, `here` the final one, `before` the baseline.
 
     Of an unidentified cause only its coordinates and its runs are known, and not of how many causes it is the sum: unidentified
     verdicts that share a run are one finding.
     """
     causes = _causes(posterior, here, verdicts)
-    shares, stated = _shares(here, before, [cause.keys for cause in causes]), laws_apart(here)
-    found = [_finding(posterior, here, stated, cause, location, *shares[cause.keys]) for cause in causes]
+    shares, apart = _shares(here, before, [cause.keys for cause in causes]), laws_apart(here)
+    stated = _averaged(apart, searched.fit, searched.others)
+    found = [_finding(posterior, here, apart, stated, cause, location, *shares[cause.keys]) for cause in causes]
     return tuple(sorted(found, key=lambda finding: finding.log_p))
 
 
@@ -199,13 +219,14 @@ def _shares(
 def _finding(
     posterior: Posterior,
     here: Expansion,
+    apart: Identification,
     stated: Identification,
     cause: _Cause,
     location: Location,
     share: float,
     without: Identification,
 ) -> Finding:
-    """`stated`: the fit `here` with each law apart from its discrepancy."""
+    """`apart`: the fit `here` with each law apart from its discrepancy; `stated`: with what is not known of its shape, too."""
     moments, after, campaign = posterior.moments, here.fit, here.fit.model.campaign
     verdict, effect, terms = cause.verdicts[0], cause.effects[0], moments.terms
     first = verdict.names[0] if verdict.names else ("unknown", None)
@@ -231,7 +252,7 @@ def _finding(
         log_p=min(_log_nothing(posterior, v.term) for v in cause.verdicts), share=share, moved=moved(without, after),
         contribution=cause.contribution,
         visible=next((o.visible for o in location.observability if o.form == effect.key), 1.0),
-        alias=tuple(alias), by_experience=verdict.by_experience, sigmas=_sigmas_from_nothing(stated, effect),
+        alias=tuple(alias), by_experience=verdict.by_experience, sigmas=_sigmas_from_nothing(apart, effect),
         further=tuple((e, sizes(e)) for e in cause.effects[1:]),
         discrepancies=tuple((e, sizes(e)) for e in cause.discrepancies),
     )  # fmt: skip

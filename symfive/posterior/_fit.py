@@ -32,13 +32,15 @@ WHITE = Node(0.0, 0.0, 0.0)
 @dataclass(frozen=True)
 class Expansion:
     """A fit, the forms of the effects that it holds beyond the machine file's, in its order, and the noise it was made under;
-    `discrepancies`: unidentified forms beside them, each what a law among them is off by over its own coordinate."""
+    `discrepancies`: unidentified forms beside them, each what a law among them is off by over its own coordinate; `others`: its
+    fits in which one effect has another shape, and how probable this is."""
 
     fit: Identification
     held: tuple[Form, ...]
     node: Node
     kappa2: float
     discrepancies: tuple[Form, ...] = ()
+    others: tuple[tuple[float, Identification], ...] = ()
 
     def discrepancies_of(self, keys: Collection[str]) -> tuple[Form, ...]:
         """What the effects of these keys are off by."""

@@ -7,8 +7,9 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.special import logsumexp
 
-from symfive.effects import Effect, Form, Varying, form_words
+from symfive.effects import Form, Varying, form_words
 from symfive.errors import InputError
 from symfive.identify import Identification
 from symfive.inference import Outlier
@@ -29,7 +30,7 @@ three; one more for each member that a rival replaces."""
 TRIES = 3
 """Subsets that are refitted in one round, until one holds what the moments promise."""
 DECISIVE = 3.0
-"""Nats by which another shape has to be better (H. Jeffreys 1961: strong evidence)."""
+"""Nats by which one shape has to be better than another with fewer parameters (H. Jeffreys 1961: strong evidence)."""
 CLEAR = 10.0
 """Nats by which a new member has to stand out before the model is relinearised about it; others are asked again after that. By so
 many a search from nothing has to promise more before it competes with the named effects that settled."""
@@ -65,7 +66,8 @@ def polish(
     _, blocks = marginal_evidence(moments, held)
     forms = [moments.terms[number].form for number, _ in blocks]
     beside = [replace(f, effect=replace(f.effect, spread=size)) for f, (_, size) in zip(forms, blocks, strict=True)]
-    return now.posterior.corrected(now.exactly | {held: now.mass}), settled(now.here, beside)
+    here = _with_others(now.here, candidates)
+    return now.posterior.corrected(now.exactly | {held: now.mass}), replace(settled(here, beside), others=here.others)
 
 
 def _first(before: Identification, candidates: Candidates, progress: Progress) -> _Round:
@@ -208,36 +210,54 @@ def _ahead(posterior: Posterior) -> Iterator[Subset]:
 def _shaped(
     here: Expansion, candidates: Candidates, progress: Progress, known: Collection[str]
 ) -> tuple[Expansion, float]:
-    """The fit, and its evidence, with each of its effects, but for those `known` (keys), in the best of its shapes."""
+    """The fit, and its evidence, with each of its effects, but for those `known` (keys), in that of its shapes which has the
+    fewest parameters and is not decisively worse than the best. Those that are clearly worse are left out of its form."""
     here, mass = expanded(here.fit, here.held, candidates)
-    machine = here.fit.model.machine
+    campaign = here.fit.model.campaign
     for number in (k for k, form in enumerate(here.held) if form.effect.key not in known):
-        for shape in here.held[number].shapes:
-            trial = _reshaped(here, number, shape, candidates)
-            if trial is None:
-                continue
-            other, evidence = expanded(trial.fit, trial.held, candidates)
-            progress(f"{form_words(shape.key, machine)} in another form: log evidence {evidence - mass:+.1f}")
-            if evidence > mass + DECISIVE:
-                here, mass = other, evidence
+        trials = [(here, mass)]
+        for other, evidence in _reshaped(here, number, candidates):
+            trials.append((other, evidence))
+            words = form_words(other.held[number].effect.key, campaign.machine)
+            progress(f"{words} in another form: log evidence {evidence - mass:+.1f}")
+        best = max(evidence for _, evidence in trials)
+        near = [trial for trial in trials if trial[1] >= best - DECISIVE]
+        here, mass = min(near, key=lambda each: (len(each[0].held[number].effect.parameters(campaign)), -each[1]))
+        form = here.held[number]
+        left = tuple(
+            other.held[number].effect for other, evidence in trials if other is not here and evidence > best - CLEAR
+        )
+        here = replace(here, held=(*here.held[:number], replace(form, shapes=left), *here.held[number + 1 :]))
     return here, mass
 
 
-def _reshaped(here: Expansion, number: int, shape: Effect, candidates: Candidates) -> Expansion | None:
-    """The fit with one of its effects in another shape, from the best of the places where this is looked at; None where the shape
-    cannot be."""
+def _with_others(here: Expansion, candidates: Candidates) -> Expansion:
+    """The same with its fits in which one effect has another of the shapes that were left."""
+    found, (_, mass) = list[tuple[float, Identification]](), expanded(here.fit, here.held, candidates)
+    for number in range(len(here.held)):
+        trials = [(other.fit, evidence) for other, evidence in _reshaped(here, number, candidates)]
+        whole = logsumexp([mass, *(evidence for _, evidence in trials)])
+        found += [(float(np.exp(evidence - whole)), fit) for fit, evidence in trials]
+    return replace(here, others=tuple(found))
+
+
+def _reshaped(here: Expansion, number: int, candidates: Candidates) -> Iterator[tuple[Expansion, float]]:
+    """The fit with one of its effects in each of its other shapes that can be, from the best of the places where this is looked
+    at, and the evidence of each."""
     form = here.held[number]
-    try:
-        tag = form.effect.tag if form.placed else shape.tag  # which of several places, or which shape
-        effect = replace(shape, spread=form.effect.spread, tag=tag).prepare(here.fit.model.campaign)
-        forms = [*here.held[:number], replace(form, effect=effect), *here.held[number + 1 :]]
-        model = Model(here.fit.model.campaign, [f.effect for f in forms])
-        places = [form.at for form in candidates.forms if form.at and form.effect == effect]
-        starts = [here.fit.named, *({**here.fit.named, **at} for at in places)]
-        trial = fitted(model, starts, here.node, here.kappa2, here.fit)
-        return expansion(trial, forms, here.node, here.kappa2) if _sane(trial) else None
-    except (InputError, np.linalg.LinAlgError):
-        return None
+    for shape in form.shapes:
+        try:
+            tag = form.effect.tag if form.placed else shape.tag  # which of several places, or which shape
+            effect = replace(shape, spread=form.effect.spread, tag=tag).prepare(here.fit.model.campaign)
+            forms = [*here.held[:number], replace(form, effect=effect), *here.held[number + 1 :]]
+            model = Model(here.fit.model.campaign, [f.effect for f in forms])
+            places = [form.at for form in candidates.forms if form.at and form.effect == effect]
+            starts = [here.fit.named, *({**here.fit.named, **at} for at in places)]
+            trial = fitted(model, starts, here.node, here.kappa2, here.fit)
+            if _sane(trial):
+                yield expanded(trial, expansion(trial, forms, here.node, here.kappa2).held, candidates)
+        except (InputError, np.linalg.LinAlgError):
+            continue
 
 
 def _rivals(posterior: Posterior) -> list[Subset]:
