@@ -113,7 +113,7 @@ OWN: dict[str, tuple[str | Callable[[], Machine], Callable[[Machine], Iterable[R
 }
 OPTIMISED = (
     ("table-bc", "r_test", 40, 2),
-    ("table-bc", "ball_bar", 48, 3),
+    ("table-bc", "ball_bar", 48, 2),
     ("head-bc", "r_test", 36, 2),
     ("mixed-bc", "r_test", 36, 2),
     ("nutating-table", "r_test", 36, 2),
@@ -155,7 +155,7 @@ def optimised(wanted: Collection[str]) -> None:
         name = f"{machine_name}-{instrument.replace('_', '-')}-{points}"
         if not {"optimised", name} & set(wanted):
             continue
-        made = plan(preset(machine_name), instrument=instrument, points=points, setups=setups, starts=3)
+        made = plan(preset(machine_name), instrument=instrument, points=points, setups=setups, starts=8)
         made.write(emptied(name), nc=("iso", "linuxcnc"))
         (HERE / name / MANIFEST).unlink()
         print(f"{name}: {made.certificate.says}; {made.minutes:.0f} min, joint value {made.assessment.value:.3f}")
