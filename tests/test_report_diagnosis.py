@@ -199,6 +199,10 @@ def test_a_name_that_only_plausibility_holds_does_not_sound_sure(found, page_of)
         "(component open: not separated from EXB)"
     )
     assert "confidence in the name, by experience" in page_of(unsure)
+    beside = replace(unsure, rivals=(RivalName("backlash", "Y", 0.009), RivalName("unknown", None, 0.02)))
+    said = facts_of(beside, found.after)["how sure"]
+    assert said.count("backlash of axis Y") == 1 and "backlash of axis Y (0.9 %)" in said
+    assert said.endswith("or none of the known effects 2 %")
 
 
 def test_every_number_of_a_finding_has_its_uncertainty(found):

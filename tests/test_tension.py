@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from symfive.campaign import Campaign
 from symfive.diagnose import diagnose
-from symfive.identify import identify, tensions
+from symfive.identify import Tension, identify, tensions
 from symfive.machine import preset
 from symfive.procedures import campaign_of, planar_circle
 from symfive.simulate import simulate
@@ -27,7 +29,7 @@ def test_it_is_said_which_error_is_far_from_its_prior_and_what_to_check() -> Non
     assert found.chi2_dof < 1.3
     (said,) = (note for note in found.notes if "prior 1σ from its prior mean" in note)
     assert "check where balls and nests stand (table_ball" in said
-    assert found.model.parameters and any(said.startswith(t.worst) for t in tensions(found))
+    assert found.model.parameters and any(said.startswith(t.words) for t in tensions(found))
 
 
 @pytest.mark.parametrize("off_um", [0.0, 30.0])
@@ -48,6 +50,17 @@ def test_a_finding_that_only_relieves_the_priors_is_doubted() -> None:
     assert (
         "check first where balls" in (said := " ".join(found.doubts).lower()) and "how long the bar is (length" in said
     )
+
+
+def test_of_a_clock_that_is_far_off_the_times_are_to_be_checked() -> None:
+    late = Tension(kind="set-up", statistic=1e4, dof=2.0, p=0.0, worst="setup.ccw.clock", sigmas=100.0)
+    assert late.words == "clock of run ccw" and "clock of run ccw by 100.0 σ" in late.says
+    runs = tuple(replace(run, clock_sigma_ms=1.0) for run in PLAN.runs)
+    plan = replace(PLAN, runs=runs)
+    exact = {p.name: 0.0 for p in identify(simulate(plan, seed=1).campaign).parameters}
+    late_by = {f"setup.{run.id}.clock": 60.0 for run in runs}
+    (said,) = (n for n in identify(simulate(plan, truth=exact | late_by, seed=1).campaign).notes if "prior mean" in n)
+    assert said.startswith("clock of run ") and "clock_sigma_ms" in said and "table_ball" not in said
 
 
 def test_a_bar_that_was_not_calibrated_is_among_what_to_check() -> None:

@@ -37,14 +37,16 @@ def facts_of(finding: Finding, after: Identification) -> dict[str, str]:
     hidden += [", ".join(_moves(finding, after)[:SHOWN_MOVES])] if finding.moved else []
     if finding.effect.hidden_by and not finding.unidentified:
         hidden.append(f"in general: {finding.effect.hidden_by.rstrip('.')}")
-    rivals = [f"{r.words} {percent(r.confidence)}" for r in finding.rivals if r.confidence >= SHOWN_RIVAL]
+    same = _as_good(finding, machine)
+    likely = [r for r in finding.rivals if r.confidence >= SHOWN_RIVAL and r.words != same]
+    rivals = [f"{r.words} {percent(r.confidence)}" for r in likely[:SHOWN_RIVALS]]
     test = [f"record {finding.next_test}"] if finding.next_test else []
     test += [finding.test.says] if finding.test is not None else []
     answers = {
         "what": _deed(finding),
         "where": f"in {place_words(finding, machine)}, over {coordinate_words(finding.coordinate)}, {_runs(finding, after)}",
         "how large": ", ".join(sizes),
-        "how sure": ", or ".join([_sure(finding, machine) + _component_is_open(finding), *rivals[:SHOWN_RIVALS]]),
+        "how sure": ", or ".join([_sure(finding, machine) + _component_is_open(finding), *rivals]),
         "costs": f"{percent(finding.share)} of the deviation (mean square)",
         "hidden by": "; ".join(hidden),
         "not separated": f"from {', '.join(form_words(key, machine) for key in finding.alias)}"
@@ -93,9 +95,15 @@ def _sure(finding: Finding, machine: Machine) -> str:
     said = f"confidence {percent(finding.confidence)}"
     if finding.unidentified:
         said += " that it exists; its cause is unknown"
-    if finding.by_experience and not finding.unidentified:
-        said += f", by experience: it cannot be distinguished from {form_words(finding.alias[0], machine)} in this test"
+    if same := _as_good(finding, machine):
+        chance = [f" ({percent(r.confidence)})" for r in finding.rivals if r.words == same]
+        said += f", by experience: it cannot be distinguished from {same}{''.join(chance)} in this test"
     return said
+
+
+def _as_good(finding: Finding, machine: Machine) -> str:
+    """The name that fits as well where only experience puts the finding's first."""
+    return form_words(finding.alias[0], machine) if finding.by_experience and not finding.unidentified else ""
 
 
 def _component_is_open(finding: Finding) -> str:

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.special import gammaincc
 
 from symfive.identify._result import Identification
+from symfive.parameters import parameter_words
 
 TENSE = 1e-3
 """p-value at which it is said: one of a thousand machines and set-ups that are as their priors say."""
@@ -29,8 +30,13 @@ class Tension:
     def says(self) -> str:
         """In one sentence."""
         return (
-            f"The {self.kind} errors are further from their priors than expected: {self.worst} by {self.sigmas:.1f} σ."
+            f"The {self.kind} errors are further from their priors than expected: {self.words} by {self.sigmas:.1f} σ."
         )
+
+    @property
+    def words(self) -> str:
+        """The worst of them, as `clock of run ccw`."""
+        return parameter_words(self.worst)
 
 
 def tensions(fit: Identification) -> tuple[Tension, ...]:
@@ -66,8 +72,8 @@ def tension_notes(fit: Identification) -> tuple[str, ...]:
     if worst is None:
         return ()
     return (
-        f"{worst.worst} is {worst.sigmas:.1f} prior 1σ from its prior mean: check {_setup(fit)} before a correction is entered; "
-        "if the machine is that far off, enlarge the prior in the machine file",
+        f"{worst.words} is {worst.sigmas:.1f} prior 1σ from its prior mean: check {_setup(fit, worst)} before a correction is "
+        "entered; if the machine is that far off, enlarge the prior in the machine file",
     )
 
 
@@ -79,13 +85,15 @@ def relief_notes(plain: Identification, full: Identification) -> tuple[str, ...]
     if worst is None or _distance(plain) - _distance(full) < readings:
         return ()
     return (
-        f"The readings are explained nearly as well without: what speaks for it is that {worst.worst} would otherwise be "
-        f"{worst.sigmas:.1f} prior 1σ from its prior mean. Check first {_setup(plain)}.",
+        f"The readings are explained nearly as well without: what speaks for it is that {worst.words} would otherwise be "
+        f"{worst.sigmas:.1f} prior 1σ from its prior mean. Check first {_setup(plain, worst)}.",
     )
 
 
-def _setup(fit: Identification) -> str:
+def _setup(fit: Identification, worst: Tension) -> str:
     """What a set-up may have wrong: an uncalibrated bar reads like a scale error of both axes of its circle."""
+    if worst.worst.endswith(".clock"):
+        return "the angles or times of the recording (clock_sigma_ms in campaign.toml)"
     bar = any("ball_bar" in run.instrument for run in fit.model.campaign.runs)
     where = "where balls and nests stand (table_ball, tool_ball"
     return f"{where}{') and how long the bar is (length' if bar else ''}; setup_sigma_um in campaign.toml)"
