@@ -374,7 +374,8 @@ def test_plant_read_by_a_bar_is_identified_within_the_stated_uncertainty(
 
 
 def _compare_with_the_plant(folder: Path, made: SweepPlan) -> None:
-    """χ² of all errors of the machine by their joint covariance, over some machines; and what the plan promised."""
+    """χ² of all errors of the machine by their joint covariance, over some machines; and what the plan promised, on average: of
+    one machine the noise that is found varies."""
     distance, size, promised = 0.0, 0, []
     for seed in range(DRAWN):
         campaign, truth = measured(folder, seed)
@@ -383,9 +384,9 @@ def _compare_with_the_plant(folder: Path, made: SweepPlan) -> None:
         off = np.array([found[name] - value for name, value in truth.items()])
         distance += float(off @ np.linalg.solve(found.covariance[np.ix_(place, place)], off))
         size += len(off)
-        promised += [found.uncertainty(name) / made.assessment.sigma[name] for name in truth]
+        promised.append([found.uncertainty(name) / made.assessment.sigma[name] for name in truth])
     assert chi2(size).cdf(distance) == pytest.approx(0.5, abs=0.499)
-    assert np.array(promised) == pytest.approx(1.0, abs=0.35)
+    assert np.mean(promised, axis=0) == pytest.approx(1.0, abs=0.2)
 
 
 def test_without_lag_the_geometry_is_wrong(folder: Path, made: SweepPlan) -> None:

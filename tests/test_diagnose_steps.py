@@ -79,7 +79,7 @@ def test_each_step_is_usable_alone_and_they_lead_to_the_same():
     verdicts = verdicts_on(posterior)
     assert verdicts == decide(posterior, coarsened(posterior))  # both have a name
     assert {verdict.names for verdict in verdicts} == {(("gravity_sag", "B"),), (("thermal_drift", None),)}
-    findings = findings_of(posterior, here, here, before, verdicts, located(posterior.moments, detection))
+    findings = findings_of(posterior, here, before, verdicts, located(posterior.moments, detection))
     shares = {finding.name: finding.share for finding in findings}
     explained = 1.0 - (here.fit.rms_um / before.rms_um) ** 2
     assert 0.9 * explained < sum(shares.values()) <= explained + 1e-3 and min(shares.values()) > 0.1
@@ -110,7 +110,7 @@ def test_shares_of_two_that_can_stand_for_each_other_add_up_to_what_both_explain
     moments = moments_of(here.fit, here.held, ())
     posterior = Posterior(moments, {tuple((number, 1.0) for number in range(moments.held)): 0.0})
     verdicts = [v for v in decide(posterior, posterior) if moments.terms[v.term].effect.id != "thermal_drift"]
-    found = findings_of(posterior, here, here, before, verdicts, located(moments, detect(before)))
+    found = findings_of(posterior, here, before, verdicts, located(moments, detect(before)))
     explained = 1.0 - (after.rms_um / before.rms_um) ** 2
     assert explained > 0.3 and 0.9 * explained < sum(f.share for f in found) <= explained + 1e-9
 

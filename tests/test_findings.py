@@ -46,7 +46,7 @@ def _found(names: tuple[tuple[str, str | None], ...], elsewhere: bool) -> tuple[
     held = tuple((t, nearest_width(1.0)) for t in range(moments.held))
     verdicts = [Verdict(t, names, 0.99, {}, (), (), False) for t in range(moments.held)]
     return findings_of(
-        Posterior(moments, {held: evidence}), here, here, before, verdicts, locate(before, exclude=others)
+        Posterior(moments, {held: evidence}), here, before, verdicts, locate(before, exclude=others)
     ), here
 
 

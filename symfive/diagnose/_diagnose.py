@@ -97,7 +97,7 @@ def diagnose(
         detection = detect(fitted(before.model, [before.named], here.node, here.kappa2, after), level=false_alarms)
     location = located(posterior.moments, detection)
     progress("planning the next test")
-    findings = findings_of(posterior, first, here, before, verdicts, location)
+    findings = findings_of(posterior, here, before, verdicts, location, first)
     progress("cross-validation: leaving out runs in turn")
     return Diagnosis(
         p_value=_p_value(posterior),

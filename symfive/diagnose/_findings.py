@@ -99,21 +99,22 @@ def _most_probable(posterior: Posterior, terms: frozenset[int]) -> Subset:
 
 def findings_of(
     posterior: Posterior,
-    searched: Expansion,
     here: Expansion,
     before: Identification,
     verdicts: Sequence[Verdict],
     location: Location,
+    searched: Expansion | None = None,
 ) -> tuple[Finding, ...]:
-    """What was decided, in the order of the evidence that each adds to all others. `searched`: the fit that the posterior is
-    expanded at, `here` the final one, `before` the baseline.
+    """What was decided, in the order of the evidence that each adds to all others. `here`: the final fit, `before` the baseline,
+    `searched` the fit that the posterior is expanded at, where it is another one.
 
     Of an unidentified cause only its coordinates and its runs are known, and not of how many causes it is the sum: unidentified
     verdicts that share a run are one finding.
     """
     causes = _causes(posterior, here, verdicts)
     shares, apart = _shares(here, before, [cause.keys for cause in causes]), laws_apart(here)
-    stated = _averaged(apart, searched.fit, searched.others)
+    seen = searched or here
+    stated = _averaged(apart, seen.fit, seen.others)
     found = [_finding(posterior, here, apart, stated, cause, location, *shares[cause.keys]) for cause in causes]
     return tuple(sorted(found, key=lambda finding: finding.log_p))
 
