@@ -107,12 +107,12 @@ def test_identification_and_report_name_the_mounting(tmp_path: Path) -> None:
 
 def test_it_is_said_what_stayed_and_how_much_larger_the_uncertainty_then_is(tmp_path: Path) -> None:
     """As large as it then is: checked with the fit that knows it."""
-    silent, told = identify(concealed(tmp_path / "s", said=False)), identify(concealed(tmp_path / "t"))
+    silent, found = identify(concealed(tmp_path / "s", said=False)), identify(concealed(tmp_path / "t"))
     (note,) = silent.notes
     assert re.search(r"tool ball in runs nest-1, nest-2, nest-3, nest-4 stayed mounted", note)
     assert re.search(r'1σ of E[XYZ]0[BC] is then 17.9 µm, not 9.7 µm: .* mounting = { tool_ball = "1" }', note)
-    assert told.uncertainty("EX0B") == pytest.approx(17.9, abs=0.05)
-    assert told.notes == ()
+    assert found.uncertainty("EX0B") == pytest.approx(17.9, abs=0.05)
+    assert found.notes == ()
 
 
 def test_a_run_whose_readings_the_ball_does_not_move_is_no_part_of_a_mounting(tmp_path: Path) -> None:
@@ -163,11 +163,11 @@ DRIFT = {
 
 
 def test_a_drift_that_new_set_up_errors_absorb_is_found_behind_a_ball_that_stays(tmp_path: Path) -> None:
-    told = diagnose(concealed(tmp_path / "c", effects=(DRIFT,)))
-    assert [finding.name for finding in told.findings] == ["thermal_drift"]
-    assert told.p_value < 1e-9
-    assert told.after.uncertainty("EX0B") == pytest.approx(17.9, abs=0.1)
-    assert "stayed mounted" not in " ".join(diagnosis_text(told).split())
+    found = diagnose(concealed(tmp_path / "c", effects=(DRIFT,)))
+    assert [finding.name for finding in found.findings] == ["thermal_drift"]
+    assert found.p_value < 1e-9
+    assert found.after.uncertainty("EX0B") == pytest.approx(17.9, abs=0.1)
+    assert "stayed mounted" not in " ".join(diagnosis_text(found).split())
 
 
 @pytest.mark.slow

@@ -66,7 +66,7 @@ def polish(
     _, blocks = marginal_evidence(moments, held)
     forms = [moments.terms[number].form for number, _ in blocks]
     beside = [replace(f, effect=replace(f.effect, spread=size)) for f, (_, size) in zip(forms, blocks, strict=True)]
-    here = _with_others(now.here, candidates)
+    here = _with_others(now.here, now.mass - log_prior(moments, held), candidates)
     return now.posterior.corrected(now.exactly | {held: now.mass}), replace(settled(here, beside), others=here.others)
 
 
@@ -231,13 +231,13 @@ def _shaped(
     return here, mass
 
 
-def _with_others(here: Expansion, candidates: Candidates) -> Expansion:
-    """The same with its fits in which one effect has another of the shapes that were left."""
-    found, (_, mass) = list[tuple[float, Identification]](), expanded(here.fit, here.held, candidates)
+def _with_others(here: Expansion, evidence: float, candidates: Candidates) -> Expansion:
+    """The same, whose log evidence this is, with its fits in which one effect has another of the shapes that were left."""
+    found = list[tuple[float, Identification]]()
     for number in range(len(here.held)):
-        trials = [(other.fit, evidence) for other, evidence in _reshaped(here, number, candidates)]
-        whole = logsumexp([mass, *(evidence for _, evidence in trials)])
-        found += [(float(np.exp(evidence - whole)), fit) for fit, evidence in trials]
+        trials = [(other.fit, its) for other, its in _reshaped(here, number, candidates)]
+        whole = logsumexp([evidence, *(its for _, its in trials)])
+        found += [(float(np.exp(its - whole)), fit) for fit, its in trials]
     return replace(here, others=tuple(found))
 
 
