@@ -99,6 +99,7 @@ class Posterior:
 class _Search:
     moments: Moments
     named: bool
+    exact: bool
     mass: dict[Subset, float] = field(default_factory=dict)
     blocks: dict[Subset, Blocks] = field(default_factory=dict)
     swept: dict[Subset, tuple[list[int], list[float], Array]] = field(default_factory=dict)
@@ -107,11 +108,15 @@ class _Search:
         """Weigh a subset, unless it was."""
         subset = tuple(sorted(members))
         if subset not in self.mass:
-            evidence, self.blocks[subset] = marginal_evidence(self.moments, subset)
+            if self.exact:
+                evidence, self.blocks[subset] = log_evidence(self.moments, subset).total, ()
+            else:
+                evidence, self.blocks[subset] = marginal_evidence(self.moments, subset)
             self.mass[subset] = evidence + log_prior(self.moments, subset)
 
     def sweep(self, subset: Subset) -> tuple[list[int], list[float], Array]:
-        """Terms that may join a subset, the width of each that suits it, and the log mass with it."""
+        """Terms that may join a subset, the width of each that suits it, and the log mass with it, whether laws are exact or have
+        the discrepancies of the subset."""
         if subset not in self.swept:
             terms = self.moments.terms
             held = [terms[t] for t, _ in subset]
@@ -123,7 +128,11 @@ class _Search:
                 and complete([*held, term]) and not any(term.excludes(h) for h in held)
             ]  # fmt: skip
             self.see(subset)
-            mass, widths = Sweep.of(self.moments, subset, self.blocks[subset]).best(free)
+            mass, widths = Sweep.of(self.moments, subset).best(free)
+            if self.blocks[subset]:
+                other, its = Sweep.of(self.moments, subset, self.blocks[subset]).best(free)
+                widths = [b if other[k] > mass[k] else a for k, (a, b) in enumerate(zip(widths, its, strict=True))]
+                mass = np.logaddexp(mass, other) - np.log(2.0)
             prior = np.array([log_prior(self.moments, [one]) for one in zip(free, widths, strict=True)])
             self.swept[subset] = free, widths, mass + log_prior(self.moments, subset) + prior
         return self.swept[subset]
@@ -172,10 +181,10 @@ def marginal_evidence(moments: Moments, subset: Subset) -> tuple[float, Blocks]:
     return float(np.logaddexp(plain.total, other) - np.log(2.0)), blocks if other > plain.total + NEGLIGIBLE else ()
 
 
-def explore(moments: Moments, start: Sequence[int] = (), *, named: bool = False) -> Posterior:
+def explore(moments: Moments, start: Sequence[int] = (), *, named: bool = False, exact: bool = False) -> Posterior:
     """Beam search from a set of terms (numbers) that are held by the fit, and from nothing; with `named` no unidentified term
-    joins, nor one by which a law changes."""
-    search, done = _Search(moments, named), set[Subset]()
+    joins, nor one by which a law changes; `exact` if laws have no discrepancies."""
+    search, done = _Search(moments, named, exact), set[Subset]()
     search.see(())
     search.see((t, nearest_width(moments.terms[t].effect.spread)) for t in start)
     while True:

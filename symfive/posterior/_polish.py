@@ -15,7 +15,7 @@ from symfive.identify import Identification
 from symfive.inference import Outlier
 from symfive.model import Model
 from symfive.posterior._about import moments_about
-from symfive.posterior._evidence import SHARE, Selected, log_evidence
+from symfive.posterior._evidence import SHARE, log_evidence
 from symfive.posterior._explore import Posterior, Subset, explore, held_by, log_prior, marginal_evidence
 from symfive.posterior._fit import WHITE, Expansion, expansion, fitted, refitted, settled
 from symfive.posterior._isolated import log_chance, odd_readings
@@ -113,10 +113,11 @@ def _settled(now: _Round) -> _Round:
     been = dict[Keys, _Round]()
     for number in range(ROUNDS):
         been[now.here.keys] = now
-        better = (now.exact(subset) for subset in _ahead(now.posterior))
+        better = (max(map(now.exact, ways), key=lambda each: each[0]) for ways in _ahead(now.posterior))
         ahead = next((there for gain, there in better if gain > 0.0 and there.keys not in been), None)
         if ahead is None:
-            rivals = [each for each in map(now.exact, _rivals(now.posterior)) if each[1].keys not in been]
+            others = dict.fromkeys([*_rivals(now.posterior), *_hidden(now.posterior)])
+            rivals = [each for each in map(now.exact, others) if each[1].keys not in been]
             best, ahead = max(rivals, key=lambda each: each[0], default=(-np.inf, None))
             ahead = ahead if best > 0.0 else None
         if ahead is None or number == ROUNDS - 1:
@@ -194,9 +195,9 @@ class _Round:
         return gain, there
 
 
-def _ahead(posterior: Posterior) -> Iterator[Subset]:
-    """The most probable subsets of the most probable names that the fit should hold instead of what it holds, cut to what is
-    clear."""
+def _ahead(posterior: Posterior) -> Iterator[list[Subset]]:
+    """The most probable subsets of the most probable names that the fit should hold instead of what it holds, each cut to what
+    is clear in two ways."""
     held, tried = set(range(posterior.moments.held)), set[frozenset[int]]()
     for subset in sorted(posterior.mass, key=lambda s: (-posterior.worth(s), -posterior.mass[s])):
         terms = frozenset(t for t, _ in subset)
@@ -277,21 +278,32 @@ def _rivals(posterior: Posterior) -> list[Subset]:
     return found
 
 
-def _clear(posterior: Posterior, best: Subset) -> Subset:
-    """The members of a subset that stand out, of several new ones over one coordinate the clearest; what the linear model needs
-    beside it, relinearising or another shape may explain."""
+def _hidden(posterior: Posterior) -> list[Subset]:
+    """Where the evidence of the fit counts that its laws are not exact, the subsets of the most probable names if they are: what
+    a lacking law does may pass for the discrepancy of others."""
+    moments = posterior.moments
+    held = held_by(moments)
+    if not marginal_evidence(moments, held)[1]:
+        return []
+    laws = explore(moments, range(moments.held), named=True, exact=True)
+    found = dict[frozenset[Name], Subset]()
+    for subset in sorted(laws.mass, key=lambda s: -laws.mass[s]):
+        found.setdefault(laws.named(subset), subset)
+    return list(found.values())[:TRIES]
+
+
+def _clear(posterior: Posterior, best: Subset) -> list[Subset]:
+    """The members of a subset that stand out, and these with the clearest alone of several new ones over one coordinate; what the
+    linear model needs beside it, relinearising or another shape may explain."""
     mass, _ = marginal_evidence(posterior.moments, best)
     gains = {m: mass - marginal_evidence(posterior.moments, tuple(o for o in best if o != m))[0] for m in best}
-    terms, kept = posterior.moments.terms, list[Selected]()
-    for member in sorted(best, key=lambda m: (m[0] >= posterior.moments.held, -gains[m])):
-        covered = {terms[t].covers for t, _ in kept if t >= posterior.moments.held} - {("", "")}
-        if (
-            not kept
-            or member[0] < posterior.moments.held
-            or (gains[member] > CLEAR and terms[member[0]].covers not in covered)
-        ):
-            kept.append(member)
-    return tuple(sorted(kept))
+    held = {m for m in best if m[0] < posterior.moments.held}
+    ranked = sorted(best, key=lambda m: (m not in held, -gains[m]))
+    clear = [m for m in ranked if m in held or m == ranked[0] or gains[m] > CLEAR]
+    covers = {m: posterior.moments.terms[m[0]].covers for m in clear}
+    clearest = {covers[m]: m for m in reversed(clear) if m not in held}
+    apart = [m for m in clear if m in held or covers[m] == ("", "") or clearest[covers[m]] == m]
+    return [tuple(sorted(clear)), tuple(sorted(apart))]
 
 
 def _promising(posterior: Posterior, subset: Subset) -> bool:
