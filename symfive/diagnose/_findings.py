@@ -283,11 +283,11 @@ def _log_nothing(posterior: Posterior, term: int) -> float:
 
 
 def _component(posterior: Posterior, name: Name) -> str | None:
-    """The component of the most probable form of a name."""
-    terms = posterior.moments.terms
+    """The component of the most probable form of a name that the fit does not hold."""
+    terms, held = posterior.moments.terms, posterior.moments.held
     for subset in sorted(posterior.mass, key=lambda s: -posterior.mass[s]):
         for t, _ in subset:
-            if terms[t].name == name:
+            if t >= held and terms[t].name == name:
                 return getattr(terms[t].effect, "component", None)
     return None
 

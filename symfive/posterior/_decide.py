@@ -115,17 +115,18 @@ def _shares(posterior: Posterior, held: frozenset[int], term: int, covered: Cove
     """How probable each name is in a member's place, and that the place is empty. A subset that lacks several members has a new
     name in the place of that one of which it explains most, and of others as far as it explains them too."""
     terms = posterior.moments.terms
-    own, known = terms[term].name, {terms[t].name for t in held}
+    own = terms[term].name
     shares: dict[Name, float] = {}
     nothing = 0.0
     for subset, weight in posterior.weights.items():
-        names = {terms[t].name for t in subset}
-        if own in names:
+        if term in subset:
             shares[own] = shares.get(own, 0.0) + weight
             continue
-        lacking, places = [t for t in held if terms[t].name not in names], dict[Name, float]()
-        for name in names - known:
-            by = tuple(t for t in sorted(subset) if terms[t].name == name)
+        fresh: dict[Name, tuple[int, ...]] = {}
+        for t in sorted(subset - held):
+            fresh[terms[t].name] = (*fresh.get(terms[t].name, ()), t)
+        lacking, places = held - subset, dict[Name, float]()
+        for name, by in fresh.items():
             places[name] = _share(covered(term, by)) / max(_share(covered(t, by)) for t in lacking)
         total = sum(places.values())
         for name, place in places.items():
@@ -163,7 +164,7 @@ def _share(covered: tuple[float, float]) -> float:
 
 def _alias(posterior: Posterior, held: frozenset[int], term: int) -> tuple[tuple[int, ...], bool]:
     """Terms that take the place of a member without a worse fit, however large: those of other names, then other components
-    under its own; and whether there are any of other names."""
+    under its own, each the most probable first; and whether there are any of other names."""
     terms, rest = posterior.moments.terms, held - {term}
     evidence: dict[frozenset[int], float] = {}
     for subset, mass in posterior.mass.items():
@@ -174,5 +175,5 @@ def _alias(posterior: Posterior, held: frozenset[int], term: int) -> tuple[tuple
         extra = members - rest
         if rest <= members and len(extra) == 1 and term not in extra and evidence[held] - each < SAME:
             found += [t for t in extra if not terms[t].effect.unidentified and terms[term].differs(terms[t])]
-    found.sort(key=lambda t: terms[t].name == terms[term].name)
+    found.sort(key=lambda t: (terms[t].name == terms[term].name, -posterior.weights[rest | {t}]))
     return tuple(found), bool(found) and terms[found[0]].name != terms[term].name

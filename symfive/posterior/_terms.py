@@ -134,9 +134,11 @@ def name_of(effect: Effect) -> Name:
 
 
 def terms_of(forms: Sequence[Form]) -> tuple[Term, ...]:
-    """The forms as terms. A name has a share of the prior by how common it is, which its forms and places share; all unidentified
-    effects but variations, which have their own, have the same share of theirs."""
-    ways = Counter(name_of(form.effect) for form in forms if not form.at)
+    """The forms as terms. A word of the vocabulary has a share of the prior by how common it is, for each axis that has it; its
+    forms, whatever their axis, share this alike, each with its places. All unidentified effects but variations, which have their
+    own, have the same share of theirs."""
+    ways = Counter(form.effect.vocabulary for form in forms if not form.at)
+    axes = Counter(word for word, _ in {name_of(form.effect) for form in forms})
     open_ = sum(form.effect.unidentified and not isinstance(form.effect, Varying) for form in forms)
     total = sum({name_of(form.effect): form.effect.rate for form in forms}.values())
     found, there = [], set[str]()
@@ -148,7 +150,7 @@ def terms_of(forms: Sequence[Form]) -> tuple[Term, ...]:
             slot, covers = ("", effect.coordinate), (form.channel, effect.coordinate)
         else:
             covers = effect.answers or ("", "")
-            prior = EXPECTED * effect.rate / (total * max(1, ways[name]))
+            prior = EXPECTED * effect.rate / total * axes[name[0]] / max(1, ways[name[0]])
             slot = (*name, effect.key if form.placed else getattr(effect, "component", None))
         frees = frozenset(effect.frees())
         needs = effect.key if isinstance(effect, Varying) and effect.key in there else ""
