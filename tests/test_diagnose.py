@@ -11,8 +11,10 @@ import plant
 import pytest
 
 from symfive.campaign import Campaign, Run, read_campaign
-from symfive.diagnose import Diagnosis, Fit, diagnose, place_words
-from symfive.identify import fitted_model, predict
+from symfive.diagnose import Diagnosis, Fit, amend, cross_validated, diagnose, place_words
+from symfive.effects import make_effect
+from symfive.identify import fitted_model, identify, predict
+from symfive.importers import polar_run
 from symfive.machine import preset
 
 CAMPAIGNS = Path(__file__).parent / "data" / "campaigns"
@@ -189,6 +191,34 @@ def test_findings_that_predict_nothing_are_doubted() -> None:
 def test_findings_that_do_not_hold_at_another_place_are_doubted_though_they_help_there() -> None:
     (said,) = Fit(3.0, 0.5, 36.0, 1.0, 3.0, 0.52, {"place": (3.0, 1.2)}).doubts("µm")
     assert "predicted to 1.2 µm" in said and " 0.5 µm" in said and "beyond the places recorded" in said
+
+
+def _plays_at_two_feeds(planes: tuple[str, str], plays: tuple[float, float]) -> Fit:
+    """Cross-validation of a backlash of X: circles of 100 mm at 1000 and at 2000 mm/min, each in its plane and with its play of X
+    (µm) where that moves."""
+    machine, runs = preset("three-axis"), []
+    for k, (plane, play, feed) in enumerate(zip(planes, plays, (1000.0, 2000.0), strict=True)):
+        for sense in (1, -1):
+            phi = sense * 2.0 * np.pi * (np.arange(360) + 0.5) / 360
+            moved = 0.5 * play * sense * np.sign(np.sin(phi)) * np.cos(phi) if plane == "XY" else np.zeros(360)
+            read = moved + 0.3 * np.random.default_rng([k, sense + 1]).standard_normal(360)
+            circle = {"centre": (0.0, 0.0, 80.0), "radius": 100.0, "feed": feed, "plane": plane}
+            runs.append(polar_run(machine, np.degrees(phi), read, id=f"{plane}{feed:.0f}{sense}", **circle))
+    before = identify(Campaign(machine=machine, runs=tuple(runs)), noise="repeats")
+    return cross_validated(before, amend(before, make_effect("backlash", "X")))
+
+
+def test_what_the_other_feeds_do_not_show_is_no_doubt():
+    """In YZ X stands still: without the circles in XY nobody knows its play."""
+    fit = _plays_at_two_feeds(("XY", "YZ"), (8.0, 8.0))
+    assert fit.heldout_by["feed"][1] > 3.0 * fit.rms_after_um
+    assert fit.heldout_expected_um["feed"] > fit.heldout_by["feed"][1]
+    assert not any("feed" in said for said in fit.doubts("µm"))
+
+
+def test_a_play_that_is_another_at_another_feed_is_doubted():
+    fit = _plays_at_two_feeds(("XY", "XY"), (8.0, 2.0))
+    assert any("A feed that was left out" in said for said in fit.doubts("µm"))
 
 
 @pytest.mark.xfail(strict=True, reason="issue 30: the curve is fitted to 1.5 times the noise only")

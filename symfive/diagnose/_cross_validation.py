@@ -7,12 +7,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from symfive.arrays import Array
+from symfive.arrays import Array, Flags
 from symfive.diagnose._groups import way
 from symfive.diagnose._hold_out import WORSE
 from symfive.effects import Effect
 from symfive.identify import Identification
-from symfive.inference import gauss_newton
+from symfive.inference import Problem, gauss_newton
 from symfive.model import Model
 from symfive.numbers import change, plain_number
 from symfive.threads import one_thread
@@ -27,7 +27,8 @@ BEYOND = 1.5
 @dataclass(frozen=True)
 class Fit:
     """Quality before and after: rms over all readings, excluded outliers too; χ² over those that each fit kept; the held-out
-    part by leaving out runs in turn, `heldout_by` a whole feed or place at a time: what → (before, after), µm."""
+    part by leaving out runs in turn, `heldout_by` a whole feed or place at a time: what → (before, after), µm;
+    `heldout_expected_um`: what → the rms that noise and the uncertainty of what the rest determines let expect after."""
 
     rms_before_um: float
     rms_after_um: float
@@ -36,20 +37,21 @@ class Fit:
     heldout_rms_before_um: float | None
     heldout_rms_after_um: float | None
     heldout_by: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    heldout_expected_um: Mapping[str, float] = field(default_factory=dict)
 
     def doubts(self, unit: str) -> tuple[str, ...]:
         """What speaks against the findings: held-out readings that are predicted worse with them, or far worse than those that
-        were fitted."""
+        were fitted, and not because the rest does not determine it."""
         runs = (self.heldout_rms_before_um, self.heldout_rms_after_um)
         said = []
         for what, (before, after) in {"run": runs, **self.heldout_by}.items():
-            if before is None or after is None:
+            if before is None or after is None or after < self.heldout_expected_um.get(what, 0.0):
                 continue
             one, beyond = f"A {what} that was left out of the fit", f"do not trust them beyond the {what}s recorded"
             if after > (1.0 + WORSE) * before:
                 advice = "treat them as a hint, not as proven" if what == "run" else beyond
                 said.append(f"{one} is predicted worse with them ({change(before, after, unit)} {unit} rms): {advice}.")
-            elif after > BEYOND * self.rms_after_um:
+            elif after > BEYOND * max(self.rms_after_um, self.heldout_expected_um.get(what, 0.0)):
                 sizes = plain_number(after, unit), plain_number(self.rms_after_um, unit)
                 said.append(
                     f"{one} is predicted to {sizes[0]} {unit} rms only; the fitted readings leave {sizes[1]} {unit}: "
@@ -73,55 +75,77 @@ def cross_validated(before: Identification, after: Identification) -> Fit:
     ways = {"runs": [ids[i::count] for i in range(count)]}
     ways |= {name: [list(g) for g in way(campaign, name).values()] for name in ("feed", "place")}
     same = after is before
-    held = {}
+    held, expected = {}, {}
     for name, folds in ways.items():
-        if len(folds) > 1:
-            first = _held_out(before, folds)
-            held[name] = (first, first if same else _held_out(after, folds))
-    if len(ids) == 1:
-        first = _held_out_rows(before)
-        held["runs"] = (first, first if same else _held_out_rows(after))
+        if len(folds) > 1 or len(ids) == 1:
+            first = _held_out(before, folds) if len(folds) > 1 else _held_out_rows(before)
+            last = first if same else _held_out(after, folds) if len(folds) > 1 else _held_out_rows(after)
+            held[name] = (first.rms, last.rms)
+            expected["run" if name == "runs" else name] = after.rms_um * float(np.sqrt(1.0 + last.uncertainty))
     runs = held.pop("runs", (None, None))
-    return Fit(before.rms_um, after.rms_um, before.chi2_dof, after.chi2_dof, runs[0], runs[1], held)
+    return Fit(before.rms_um, after.rms_um, before.chi2_dof, after.chi2_dof, runs[0], runs[1], held, expected)
 
 
-def _held_out(result: Identification, folds: Sequence[Sequence[str]]) -> float:
-    """rms over runs that were left out of the fit, fold by fold, each with its own set-up fitted."""
-    campaign = result.model.campaign
-    squares, count = 0.0, 0
+@dataclass(frozen=True)
+class _HeldOut:
+    """Readings that were left out of the fit: `squares` of their residuals, µm², their `count`, and the variance of their
+    prediction that comes from what the rest does not determine, `spread`, the sum over them in variances of the noise."""
+
+    squares: float = 0.0
+    count: int = 0
+    spread: float = 0.0
+
+    @property
+    def rms(self) -> float:
+        """Of their residuals, µm."""
+        return float(np.sqrt(self.squares / max(self.count, 1)))
+
+    @property
+    def uncertainty(self) -> float:
+        """The mean of that variance."""
+        return self.spread / max(self.count, 1)
+
+    def beside(self, residuals: Sequence[Array], spread: float) -> _HeldOut:
+        """With the residuals of further ones."""
+        squares, count = sum(float(np.sum(r**2)) for r in residuals), sum(r.size for r in residuals)
+        return _HeldOut(self.squares + squares, self.count + count, self.spread + spread)
+
+
+def _held_out(result: Identification, folds: Sequence[Sequence[str]]) -> _HeldOut:
+    """Runs that were left out of the fit, fold by fold, each with its own set-up fitted."""
+    campaign, found = result.model.campaign, _HeldOut()
     for fold in folds:
         rest = [run.id for run in campaign.runs if run.id not in fold]
         effects = [e for e in result.model.added if any(e.applies(campaign.run(id)) for id in rest)]
-        learnt = _part(result, rest, effects, {})
-        known = {name: v for name, v in learnt[0].items() if not name.startswith("setup.")}
-        for residual in _part(result, fold, effects, known)[1]:
-            squares += float(np.sum(residual**2))
-            count += residual.size
-    return float(np.sqrt(squares / max(count, 1)))
+        rest_part, learnt = _part(result, rest, effects, {})
+        known = {p.name: p.mean for effect in result.model.added for p in effect.parameters(campaign)}
+        known |= rest_part.model.named(learnt)
+        known = {name: value for name, value in known.items() if not name.startswith("setup.")}
+        part, values = _part(result, fold, result.model.added, known)
+        found = found.beside(_residuals(part, values, result.file_unit), _spread(part, rest_part, learnt, result))
+    return found
 
 
-def _held_out_rows(result: Identification) -> float:
-    """The same for a single run: rms over its quarters, each left out of the fit in turn."""
-    unit = result.file_unit
-    (run,) = result.model.campaign.runs
-    squares, count = 0.0, 0
+def _held_out_rows(result: Identification) -> _HeldOut:
+    """The same for a single run: its quarters, each left out of the fit in turn."""
+    (run,), found = result.model.campaign.runs, _HeldOut()
+    whole = result.problem()
     for rows in np.array_split(np.arange(run.rows), FOLDS):
         problem = result.problem()
         problem.left_out[run.id][rows] = True
         values, _ = gauss_newton(problem, result.values, 1e-2)
-        residual = problem.residuals_at(values)[run.id]
-        for part in (part for _, part in problem.parts(run) if problem.unit_of(run, part) == unit):
-            counted = residual[rows][:, part][~problem.undetermined[run.id][rows][:, part]]
-            squares += float(np.sum(counted**2))
-            count += counted.size
-    return float(np.sqrt(squares / max(count, 1)))
+        only = np.zeros(run.rows, dtype=bool)
+        only[rows] = True
+        seen = whole.information_at(values).matrix - problem.information_at(values).matrix
+        spread = float(np.trace(seen @ _covariance(problem, values)))
+        found = found.beside(_residuals(problem, values, result.file_unit, only), spread)
+    return found
 
 
 def _part(
     result: Identification, ids: Sequence[str], effects: Sequence[Effect], known: Mapping[str, float]
-) -> tuple[dict[str, float], list[Array]]:
-    """Some of the runs fitted under the noise of the whole fit, what is `known` held: values by name, and the residuals of all
-    readings that count and have the unit of the fit's rms."""
+) -> tuple[Problem, Array]:
+    """Some of the runs fitted under the noise of the whole fit, what is `known` held."""
     part = result.model.campaign.select(*ids)
     model = Model(part, [e for e in effects if any(e.applies(run) for run in part.runs)])
     noises = {key: noise for key, noise in result.noises.items() if key[0] in ids}
@@ -130,10 +154,38 @@ def _part(
     problem.free = np.array([p.name not in known for p in model.parameters])
     start = result.named | dict(known)
     values, _ = gauss_newton(problem, model.vector({n: v for n, v in start.items() if n in model.index}), 1e-2)
-    residuals, unit = problem.residuals_at(values), result.file_unit
-    return model.named(values), [
-        residuals[run.id][:, columns][~problem.undetermined[run.id][:, columns]]
-        for run in part.runs
+    return problem, values
+
+
+def _residuals(problem: Problem, values: Array, unit: str, rows: Flags | slice = slice(None)) -> list[Array]:
+    """The residuals of all readings that count and have a unit, of some rows."""
+    residuals = problem.residuals_at(values)
+    return [
+        residuals[run.id][rows, columns][~problem.undetermined[run.id][rows, columns]]
+        for run in problem.model.campaign.runs
         for _, columns in problem.parts(run)
         if problem.unit_of(run, columns) == unit
     ]
+
+
+def _covariance(problem: Problem, values: Array) -> Array:
+    """Of all parameters (k, k)."""
+    return np.asarray(np.linalg.inv(problem.information_at(values).matrix + np.diag(problem.prior_precision)))
+
+
+def _spread(part: Problem, rest: Problem, learnt: Array, result: Identification) -> float:
+    """The variance, in that of the noise and summed over the readings of a part, that what is held there adds by the uncertainty
+    which the rest leaves of it, or its prior, what is free there fitted. Slopes are those about the whole fit: an effect that
+    does nothing may have none."""
+    values = part.model.vector({name: v for name, v in result.named.items() if name in part.model.index})
+    free, held, prior = np.flatnonzero(part.free), np.flatnonzero(~part.free), np.diag(part.prior_precision)
+    part.free = np.ones_like(part.free)
+    matrix = part.information_at(values).matrix
+    covariance = np.diag(1.0 / part.prior_precision[held])
+    where = [rest.model.index.get(part.model.parameters[i].name, -1) for i in held]
+    seen = [k for k, number in enumerate(where) if number >= 0]
+    own = [number for number in where if number >= 0]
+    covariance[np.ix_(seen, seen)] = _covariance(rest, learnt)[np.ix_(own, own)]
+    mixed = matrix[np.ix_(free, held)]
+    taken = mixed.T @ np.linalg.solve(matrix[np.ix_(free, free)] + prior[np.ix_(free, free)], mixed)
+    return float(np.trace((matrix[np.ix_(held, held)] - taken) @ covariance))
