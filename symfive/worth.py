@@ -102,7 +102,10 @@ class Worth:
 
 
 def location_worths(identification: Identification) -> tuple[Worth, ...]:
-    """The worth of every identified location error, the largest at the tool first."""
+    """The worth of every identified location error, the largest at the tool first; none of a fit that did not converge, whose
+    values and uncertainties may be wrong."""
+    if not identification.converged:
+        return ()
     names = [p.name for p in identification.parameters if p.kind == "location_error"]
     found = worth_of(identification, [(name,) for name in names])
     return tuple(sorted(found, key=lambda worth: -(worth.tool or 0.0)))

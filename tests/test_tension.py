@@ -8,7 +8,7 @@ import pytest
 
 from symfive.campaign import Campaign
 from symfive.diagnose import diagnose
-from symfive.identify import Tension, identify, tensions
+from symfive.identify import Tension, identify, relief_notes, tensions
 from symfive.machine import preset
 from symfive.procedures import campaign_of, planar_circle
 from symfive.simulate import simulate
@@ -50,6 +50,16 @@ def test_a_finding_that_only_relieves_the_priors_is_doubted() -> None:
     assert (
         "check first where balls" in (said := " ".join(found.doubts).lower()) and "how long the bar is (length" in said
     )
+
+
+def test_readings_that_refute_a_fit_are_not_explained_nearly_as_well_by_it() -> None:
+    """However far its set-up is from the priors: no place of the ball leaves half as much again of the noise."""
+    campaign = measured(2000.0)
+    anywhere = replace(campaign.runs[0].setup_sigma_um, table_ball=4000.0)
+    runs = tuple(replace(run, setup_sigma_um=anywhere) for run in campaign.runs)
+    plain, relieved = identify(campaign), identify(replace(campaign, runs=runs))
+    assert relief_notes(plain, relieved)
+    assert not relief_notes(replace(plain, chi2_dof_whitened=1.5 * plain.chi2_dof_whitened), relieved)
 
 
 def test_of_a_clock_that_is_far_off_the_times_are_to_be_checked() -> None:

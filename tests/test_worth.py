@@ -67,6 +67,12 @@ def test_the_error_at_the_tool_is_that_of_the_travels():
     assert "EC0X" in worth_text(location_worths(found))
 
 
+def test_no_correction_is_advised_from_a_fit_that_did_not_converge():
+    found = _identified("XY", EC0X=80.0)
+    assert "EC0X" in worth_text(location_worths(found))
+    assert not location_worths(replace(found, converged=False))
+
+
 def test_below_the_uncertainty_nothing_is_corrected():
     found = _identified("XY", EC0X=80.0)
     index = found.model.index["EC0X"]

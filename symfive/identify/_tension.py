@@ -79,10 +79,11 @@ def tension_notes(fit: Identification) -> tuple[str, ...]:
 
 def relief_notes(plain: Identification, full: Identification) -> tuple[str, ...]:
     """Said where `full` explains the readings hardly better than `plain`, and only brings geometry and set-up nearer to their
-    priors: then a ball that stands elsewhere does as well."""
+    priors: then a ball that stands elsewhere does as well. Not where the readings refute `plain` by themselves."""
     worst = _worst(plain)
     readings = plain.chi2_dof_whitened * plain.dof - full.chi2_dof_whitened * full.dof
-    if worst is None or _distance(plain) - _distance(full) < readings:
+    refuted = gammaincc(0.5 * plain.dof, 0.5 * plain.dof * plain.chi2_dof_whitened / full.chi2_dof_whitened) < TENSE
+    if worst is None or refuted or _distance(plain) - _distance(full) < readings:
         return ()
     return (
         f"The readings are explained nearly as well without: what speaks for it is that {worst.words} would otherwise be "
