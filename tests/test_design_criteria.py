@@ -18,10 +18,10 @@ from symfive.optimal import (
     Objective,
     Rows,
     Task,
+    apportioned,
     choose,
     criterion_of,
     exchange,
-    greedy,
     marginal_sensitivity,
     refine,
     relax,
@@ -145,10 +145,15 @@ def test_exchange_finds_the_best_of_all_subsets() -> None:
     assert value(choose(task, candidates, 1, 5)) == pytest.approx(best, abs=1e-9)
     for name in CRITERIA:
         other = _task(name, 2)
-        start = greedy(other, candidates, 1, 6)
+        start = apportioned(np.ones(7), 6)
         better = exchange(other, candidates, 1, start)
         values = [other.value(other.information(candidates.rows[c], candidates.group[c], 1)) for c in (start, better)]
         assert values[1] <= values[0] + 1e-12
+
+
+def test_weights_become_whole_numbers_by_the_largest_remainders() -> None:
+    assert apportioned(np.array([2.6, 0.1, 0.9, 1.4]), 5).tolist() == [0, 0, 0, 2, 3]
+    assert apportioned(np.array([0.2, 0.5, 0.3]), 2).tolist() == [1, 2]
 
 
 @pytest.mark.parametrize("name", list(CRITERIA))

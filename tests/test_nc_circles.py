@@ -182,7 +182,7 @@ def test_no_line_is_longer_than_controls_read(name: str, dialect: str) -> None:
     machine = preset(name)
     run = planar_circle(machine, radius=50.0, direction="ccw", rate_hz=20.0)[0]
     text = program(machine, run, dialect, Post(tested=True, tool_centre_on="M428", tool_centre_off="M429"))
-    assert max(map(len, text.splitlines())) < 250
+    assert max(map(len, text.splitlines())) < 80
 
 
 @pytest.mark.linuxcnc

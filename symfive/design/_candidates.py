@@ -101,10 +101,9 @@ def _no_pose(space: Space, z: Array, k: Array) -> InputError:
 
 
 def best_setups(
-    space: Space, task: Task, count: int, points: int, poses: Array, among: Indices | None = None
-) -> tuple[Array, Array]:
-    """The most informative `count` set-ups: greedy and exchange, first with the poses spread evenly in each, then
-    with those that are most informative about what the chosen set-ups leave uncertain.
+    space: Space, task: Task, most: int, points: int, poses: Array, among: Indices | None = None
+) -> list[tuple[Array, Array]]:
+    """The most informative set-ups, one of them, two and so on up to `most`: places (count, 4) and constants (count, 1).
 
     The information of a run, its set-up errors marginalised, adds to that of the others, so set-ups compare at once.
     """
@@ -115,9 +114,17 @@ def best_setups(
     except InputError:
         if among is None:
             raise
-        return best_setups(space, task, count, points, poses)  # none of these holds a pose
+        return best_setups(space, task, most, points, poses)  # none of these holds a pose
     available, place = np.unique(candidates.group, return_inverse=True)
     rows = [candidates.rows[place.ravel() == i] for i in range(len(available))]
+    # one place twice: mounted anew, which averages its set-up errors
+    picked = [tried[available[_most_informative(task, rows, count, points)]] for count in range(1, most + 1)]
+    return [(setups[some], lengths[some]) for some in picked]
+
+
+def _most_informative(task: Task, rows: list[Array], count: int, points: int) -> list[int]:
+    """Greedy and exchange over set-ups, first with the poses spread evenly in each, then with those that are most informative
+    about what the chosen set-ups leave uncertain."""
     weights = [np.full(len(r), points / count / len(r)) for r in rows]
     own = np.diag(task.own_sigma**-2.0)
     best: tuple[float, list[int]] = (math.inf, [])
@@ -131,8 +138,7 @@ def best_setups(
         best = (value, chosen)
         pull = task.pull(inverse(information))
         weights = [marginal_sensitivity(pull, r, own, points / count, INNER)[2] for r in rows]
-    picked = tried[available[sorted(best[1])]]  # one place twice: mounted anew, which averages its set-up errors
-    return setups[picked], lengths[picked]
+    return sorted(best[1])
 
 
 def _sensitivity(task: Task, rows: Array, weights: Array) -> Array:

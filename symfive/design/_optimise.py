@@ -28,10 +28,10 @@ from symfive.design._candidates import (
     setup_options,
     value_of,
 )
-from symfive.design._certificate import generate
+from symfive.design._certificate import SUPPORT, generate
 from symfive.design._space import Space, make_space
 from symfive.executors import Inline, results
-from symfive.optimal import Rows, Task, both_ways, choose, exchange, greedy, refine
+from symfive.optimal import Rows, Task, apportioned, choose, exchange, refine
 from symfive.threads import one_thread
 from symfive.validation import freeze
 
@@ -57,11 +57,11 @@ def optimise(
 ) -> tuple[Rows, tuple[float, ...]]:  # fmt: skip
     """The best design found and ψ of every design that the starts began with.
 
-    Start 0 uses the most informative set-ups and every pose of the grid, the others random parts of both. Each begins one design
-    with its poses shared among the set-ups and one that may leave some of them out: on a grid nobody can say which will be the
-    better one. Successive halving: all are refined a little, the better third of them further, and the best one until it stands
-    still. Then whole numbers of the poses that the relaxed design in its set-ups uses compete with it. Of a large plan only a
-    smaller one is refined; its set-ups and the relaxed design in them give the large one. The workers of `pool`
+    Start 0 uses the most informative set-ups and every pose of the grid, the others random parts of both. Each begins with one
+    design of every number of set-ups up to `setups`: a set-up more lowers what weights can reach and costs whole readings, which
+    determine its errors first. Successive halving: all are refined a little, the better third of them further, and the best one
+    until it stands still. Then whole numbers of the poses that the relaxed design in its set-ups uses compete with it. Of a large
+    plan only a smaller one is refined; its set-ups and the relaxed design in them give the large one. The workers of `pool`
     (`symfive.executors`) share the starts.
     """
     small = min(points, LARGEST_REFINED)
@@ -99,9 +99,11 @@ def _best(feasible: list[tuple[float, Rows]]) -> Rows:
 
 def _rounded_relaxed(space: Space, task: Task, rows: Rows, feasible: list[tuple[float, Rows]]) -> None:
     """Whole numbers of the poses that the relaxed design in the same set-ups uses, refined; and the design itself, further."""
-    both = rows_of(space, rows).joined(generate(space, task, rows, LOOSE, FEW_ROUNDS).support)
-    n = len(rows.z)
-    for first in (np.arange(n), greedy(task, both, rows.groups, n, -(-n // rows.groups))):
+    found, n = generate(space, task, rows, LOOSE, FEW_ROUNDS), len(rows.z)
+    kept = np.flatnonzero(found.relaxed.weights > SUPPORT)
+    support = found.columns.take(kept)
+    both = rows_of(space, rows).joined(support)
+    for first in (np.arange(n), n + apportioned(found.relaxed.weights[kept], n)):
         chosen = exchange(task, both, rows.groups, first)
         if np.array_equal(chosen, np.arange(n)):
             continue  # the design itself, which was refined
@@ -133,15 +135,14 @@ def _parts(space: Space, setups: int, starts: int, seed: int) -> list[tuple[Indi
 def _started(
     space: Space, task: Task, points: int, setups: int, seed: int, among: Indices | None, some: Indices | None
 ) -> list[Rows]:
-    """The best set-ups of some corners of the workspace, and by exchange the best poses of the grid in them, both ways."""
-    places, lengths = best_setups(space, task, setups, points, pose_grid(space, DENSE, seed), among)
-    poses = pose_grid(space, PER_SETUP, seed)
-    candidates = candidates_in(space, places, lengths, poses if some is None else poses[some])
-    designs = both_ways(task, candidates, len(places), points, FIRST_PASSES)
-    return [
-        Rows.of(picked.z, picked.k, picked.group, space.poses)
-        for picked in (candidates.take(chosen) for chosen in designs)
-    ]
+    """Of every number of set-ups the best ones of some corners of the workspace, and by exchange the best poses of the grid in
+    them."""
+    poses, designs = pose_grid(space, PER_SETUP, seed), []
+    for places, lengths in best_setups(space, task, setups, points, pose_grid(space, DENSE, seed), among):
+        candidates = candidates_in(space, places, lengths, poses if some is None else poses[some])
+        picked = candidates.take(choose(task, candidates, len(places), points, FIRST_PASSES))
+        designs.append(Rows.of(picked.z, picked.k, picked.group, space.poses))
+    return designs
 
 
 def _refined(space: Space, task: Task, rows: Rows, steps: int) -> tuple[float, Rows, bool]:

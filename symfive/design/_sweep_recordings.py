@@ -155,7 +155,7 @@ def mountings_that_pay(
     value = math.inf
     for count in itertools.takewhile(lambda count: seconds(count) > 0.0, range(1, 1 + most)):
         progress(f"comparing {plural(count, 'mounting')}")
-        setups, lengths = best_setups(space, task, count, READINGS, pose_grid(space, poses))
+        setups, lengths = best_setups(space, task, count, READINGS, pose_grid(space, poses))[-1]
         tried = [
             Sweeps(space, setup, float(length), noise, rate_hz)
             for setup, (length,) in zip(setups, lengths, strict=True)

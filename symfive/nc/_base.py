@@ -133,8 +133,8 @@ class Dialect:
 
 
 SPELLED = {"µ": "u", "°": " deg", "…": "...", "(": "[", ")": "]", ";": ",", "%": " ", '"': "'", "{": "[", "}": "]"}
-LONGEST = 220
-"""Characters of a comment: LinuxCNC refuses lines of 256."""
+LONGEST = 70
+"""Characters of a comment: with brackets and block number a line has fewer than 80, which every control shows and takes whole."""
 LEAST_FEED = 1e-3
 """mm/min or degree/min: the last digit of a feed without G93."""
 

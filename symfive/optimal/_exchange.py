@@ -1,4 +1,4 @@
-"""Designs from a list of candidate rows: greedy, then Fedorov's exchange (V. V. Fedorov 1972), rows may repeat."""
+"""Designs from a list of candidate rows by Fedorov's exchange (V. V. Fedorov 1972); rows may repeat."""
 
 from __future__ import annotations
 
@@ -135,22 +135,6 @@ def _state(task: Task, candidates: Candidates, groups: int, chosen: Indices) -> 
     return _State(task, layout, whole, task.prior_information(groups) + taken @ taken.T)
 
 
-def greedy(task: Task, candidates: Candidates, groups: int, points: int, quota: int | None = None) -> Indices:
-    """`points` candidates, each the best one to add to those before it, at most `quota` from a set-up."""
-    chosen: list[int] = []
-    state = _state(task, candidates, groups, np.zeros(0, dtype=np.int64))
-    count = np.zeros(groups, dtype=np.int64)
-    while len(chosen) < points:
-        gains = state.gains()
-        if quota is not None:
-            gains = np.where(count[candidates.group] < quota, gains, -np.inf)
-        best = int(np.argmax(gains))
-        state.change(best, None)
-        chosen.append(best)
-        count[candidates.group[best]] += 1
-    return np.array(chosen, dtype=np.int64)
-
-
 def exchange(task: Task, candidates: Candidates, groups: int, chosen: Indices, passes: int = PASSES) -> Indices:
     """Each row in turn is replaced by the candidate that lowers ψ most, until a whole pass changes nothing."""
     chosen = chosen.copy()
@@ -172,24 +156,3 @@ def exchange(task: Task, candidates: Candidates, groups: int, chosen: Indices, p
         if before - value < WORTH:
             break
     return chosen
-
-
-def both_ways(task: Task, candidates: Candidates, groups: int, points: int, passes: int = PASSES) -> list[Indices]:
-    """Greedy and exchange, once freely and once from a start with the poses shared evenly among the set-ups.
-
-    The first reading in a set-up determines only its zero, so a free greedy search may never begin a second one.
-    """
-    designs = [exchange(task, candidates, groups, greedy(task, candidates, groups, points), passes)]
-    if groups > 1:
-        shared = greedy(task, candidates, groups, points, -(-points // groups))
-        designs.append(exchange(task, candidates, groups, shared, passes))
-    return designs
-
-
-def choose(task: Task, candidates: Candidates, groups: int, points: int) -> Indices:
-    """The better design of both ways."""
-
-    def value(chosen: Indices) -> float:
-        return task.value(task.information(candidates.rows[chosen], candidates.group[chosen], groups))
-
-    return min(both_ways(task, candidates, groups, points), key=value)
