@@ -189,6 +189,8 @@ def test_rivals_and_the_next_test_stand_with_the_finding(found):
     )
     assert facts["next test"] == f"record plans/apart: {test.says}"
     assert facts["what to do"].startswith("record the next test") and facts["what to do"].endswith(unsure.effect.action)
+    no_test = facts_of(replace(unsure, next_test=None), found.after)
+    assert no_test["what to do"] == f"if it is this cause, {unsure.effect.action}"
 
 
 def test_a_name_that_only_plausibility_holds_does_not_sound_sure(found, page_of):

@@ -82,12 +82,13 @@ def _deed(finding: Finding) -> str:
 
 
 def _to_do(finding: Finding) -> str:
-    """What a service engineer does about it; nothing before the test that separates its name from its rivals."""
+    """What a service engineer does about it; nothing before a test that separates its name from its rivals."""
     known = not finding.unidentified or finding.effect.unidentified
     action = finding.effect.advice(finding.parameters)[1] if known else Unknown.action
-    return (
-        f"record the next test; if it confirms this cause, {action}" if action and finding.test is not None else action
-    )
+    if not action or finding.test is None:
+        return action
+    sure = "record the next test; if it confirms this cause" if finding.next_test else "if it is this cause"
+    return f"{sure}, {action}"
 
 
 def _sure(finding: Finding, machine: Machine) -> str:
