@@ -36,7 +36,8 @@ from symfive.threads import one_thread
 from symfive.validation import freeze
 
 LARGEST_REFINED = 80
-"""Poses up to which the continuous refinement runs; beyond, whole numbers of the relaxed design's poses are as good."""
+"""Poses up to which the continuous refinement runs; beyond, whole numbers of the relaxed design's poses are nearly as good (96
+poses of a ball bar: certified 0.949, refined in twice the time 0.962)."""
 SHARES, STEPS = (1.0, 1.0 / 3.0, 0.0), (12, 30, 150)
 """Successive halving, to a third as Hyperband does (L. Li et al. 2018): this share of the starts, at least one, is refined by so
 many steps."""
