@@ -119,12 +119,12 @@ def _shares(posterior: Posterior, held: frozenset[int], term: int, covered: Cove
     shares: dict[Name, float] = {}
     nothing = 0.0
     for subset, weight in posterior.weights.items():
+        if term in subset:
+            shares[own] = shares.get(own, 0.0) + weight
+            continue
         fresh: dict[Name, tuple[int, ...]] = {}
         for t in sorted(subset - held):
             fresh[terms[t].name] = (*fresh.get(terms[t].name, ()), t)
-        if term in subset or own in fresh:  # another form of its name
-            shares[own] = shares.get(own, 0.0) + weight
-            continue
         lacking, places = held - subset, dict[Name, float]()
         for name, by in fresh.items():
             places[name] = _share(covered(term, by)) / max(_share(covered(t, by)) for t in lacking)
