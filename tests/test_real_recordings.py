@@ -66,7 +66,7 @@ def test_emps_without_its_friction_gets_a_friction_and_the_instant_of_its_force(
     bare = [replace(run, options={**run.options, "force_terms": ("mass", "viscous")}) for run in full.runs]
     found = diagnose(replace(full, runs=tuple(bare)), exclude=("varying",))
     first = found.findings[0]
-    assert (first.name, first.axis) == ("friction", "X") and first.confidence > 0.9
+    assert (first.name, first.axis) == ("friction", "X") and first.confidence > 0.8
     offset = first.parameters["offset"]  # N, published -3.16; beside an asymmetry that nothing asks for it was -0.6
     assert abs(offset.value + 3.16) < 2.0 * offset.std < 3.0
     sizes = {
