@@ -221,6 +221,15 @@ def test_a_play_that_is_another_at_another_feed_is_doubted():
     assert any("A feed that was left out" in said for said in fit.doubts("µm"))
 
 
+def test_of_a_single_run_no_feed_and_no_place_can_be_left_out():
+    read = 0.3 * np.random.default_rng(0).standard_normal(360)
+    circle = {"centre": (0.0, 0.0, 80.0), "radius": 100.0, "feed": 1000.0}
+    machine = preset("three-axis")
+    fit = identify(Campaign(machine=machine, runs=(polar_run(machine, np.arange(360.0), read, **circle),)))
+    found = cross_validated(fit, fit)
+    assert found.heldout_rms_after_um and found.heldout_by == {} and list(found.heldout_expected_um) == ["run"]
+
+
 @pytest.mark.xfail(strict=True, reason="issue 30: the curve is fitted to 1.5 times the noise only")
 @pytest.mark.slow
 def test_a_curve_of_the_drives_force_is_found_beside_friction_that_keeps_its_values():

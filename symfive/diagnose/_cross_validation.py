@@ -45,13 +45,14 @@ class Fit:
         runs = (self.heldout_rms_before_um, self.heldout_rms_after_um)
         said = []
         for what, (before, after) in {"run": runs, **self.heldout_by}.items():
-            if before is None or after is None or after < self.heldout_expected_um.get(what, 0.0):
+            expected = self.heldout_expected_um.get(what, 0.0)
+            if before is None or after is None or after < expected:
                 continue
             one, beyond = f"A {what} that was left out of the fit", f"do not trust them beyond the {what}s recorded"
             if after > (1.0 + WORSE) * before:
                 advice = "treat them as a hint, not as proven" if what == "run" else beyond
                 said.append(f"{one} is predicted worse with them ({change(before, after, unit)} {unit} rms): {advice}.")
-            elif after > BEYOND * max(self.rms_after_um, self.heldout_expected_um.get(what, 0.0)):
+            elif after > BEYOND * max(self.rms_after_um, expected):
                 sizes = plain_number(after, unit), plain_number(self.rms_after_um, unit)
                 said.append(
                     f"{one} is predicted to {sizes[0]} {unit} rms only; the fitted readings leave {sizes[1]} {unit}: "
@@ -77,12 +78,12 @@ def cross_validated(before: Identification, after: Identification) -> Fit:
     same = after is before
     held, expected = {}, {}
     for name, folds in ways.items():
-        if len(folds) > 1 or len(ids) == 1:
-            first = _held_out(before, folds) if len(folds) > 1 else _held_out_rows(before)
-            last = first if same else _held_out(after, folds) if len(folds) > 1 else _held_out_rows(after)
+        if len(folds) > 1 or name == "runs":
+            first = _held_out(before, folds)
+            last = first if same else _held_out(after, folds)
             held[name] = (first.rms, last.rms)
             expected["run" if name == "runs" else name] = after.rms_um * float(np.sqrt(1.0 + last.uncertainty))
-    runs = held.pop("runs", (None, None))
+    runs = held.pop("runs")
     return Fit(before.rms_um, after.rms_um, before.chi2_dof, after.chi2_dof, runs[0], runs[1], held, expected)
 
 
@@ -112,7 +113,9 @@ class _HeldOut:
 
 
 def _held_out(result: Identification, folds: Sequence[Sequence[str]]) -> _HeldOut:
-    """Runs that were left out of the fit, fold by fold, each with its own set-up fitted."""
+    """Runs that were left out of the fit, fold by fold, each with its own set-up fitted; of a single run, its quarters."""
+    if len(folds) == 1:
+        return _held_out_rows(result)
     campaign, found = result.model.campaign, _HeldOut()
     for fold in folds:
         rest = [run.id for run in campaign.runs if run.id not in fold]
@@ -127,7 +130,7 @@ def _held_out(result: Identification, folds: Sequence[Sequence[str]]) -> _HeldOu
 
 
 def _held_out_rows(result: Identification) -> _HeldOut:
-    """The same for a single run: its quarters, each left out of the fit in turn."""
+    """The quarters of a single run, each left out of the fit in turn."""
     (run,), found = result.model.campaign.runs, _HeldOut()
     whole = result.problem()
     for rows in np.array_split(np.arange(run.rows), FOLDS):
