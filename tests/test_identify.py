@@ -111,6 +111,20 @@ def test_a_fit_walks_down_a_curved_valley(curvature, start):
     assert converged and values == pytest.approx(0.0, abs=1e-4) and looks < 10
 
 
+@pytest.mark.parametrize("share", [0.9, 0.97, -0.9, -0.97])
+def test_a_fit_converges_where_the_bend_of_the_readings_counts(share):
+    """y = a - c·x² is known, and the prior of y pulls by a: along the valley the Hessian is 1 - 2ac times Gauss–Newton's, whose
+    steps are ten times too short or lead to the other side again and again."""
+    pull = 30.0
+    bend = 0.5 * share / pull
+
+    def fine(at: np.ndarray) -> tuple[float, np.ndarray]:
+        return 30.0 * (pull - bend * at[0] ** 2 - at[1]), 30.0 * np.array([2.0 * bend * at[0], 1.0])
+
+    values, converged, looks = _walked(fine, [5.0, pull - bend * 25.0], 1.0)
+    assert converged and values[0] == pytest.approx(0.0, abs=1e-2) and looks < 25
+
+
 def test_a_step_that_no_second_one_corrects_is_shortened():
     """A wall that turns up steeply beyond the minimum: both whole steps lead beyond it."""
 

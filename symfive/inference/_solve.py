@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from typing import TypeVar
 
 import numpy as np
@@ -30,6 +31,9 @@ COST_TOLERANCE = 1e-4
 """Or when -2 log posterior falls by no more than this, in a whole step or in so many shortened ones: it says nothing about any
 parameter."""
 HALVINGS = 30
+POOR, LEAST_PRODUCT = 0.25, 1e-8
+"""A whole step that gains less than this share of what was predicted is followed by damped ones; an update by a product smaller
+than that share of the largest possible is left out (both J. Nocedal & S. J. Wright 2006, ch. 4 and 6.2)."""
 
 
 def halved(evaluate: Callable[[Array], T], values: Array, origin: Array) -> tuple[Array, T]:
@@ -49,8 +53,10 @@ def gauss_newton(problem: Problem, values: Array, tolerance: float, steps: int =
 
     A whole step that does not lower the cost is first followed by another from where it led: where a valley is curved, the step
     along it ends up on the wall, and straight down from there lies the valley again (R. Fletcher 1982, second-order correction).
-    If that does not help, steps are shortened by Levenberg's damping, which follows how well the cost was predicted
-    (H. B. Nielsen 1999). A parameter that would leave its bounds stays at the bound. A step to where the model has no readings is
+    If that does not help, or a whole step gains much less than predicted, steps are shortened by Levenberg's damping, which
+    follows how well the cost was predicted (H. B. Nielsen 1999). Where readings are bent and priors pull far, the Hessian is not
+    Gauss–Newton's alone: a secant estimate of the rest is added while it predicts gradients better (J. E. Dennis, D. M. Gay &
+    R. E. Welsch 1981). A parameter that would leave its bounds stays at the bound. A step to where the model has no readings is
     one that does not lower the cost; a start without any is brought nearer to the prior means.
     """
     model = problem.model
@@ -63,6 +69,7 @@ def gauss_newton(problem: Problem, values: Array, tolerance: float, steps: int =
     information: Information | None = begins
     best = values.copy()
     matrix, gradient, expected = np.zeros((0, 0)), np.zeros(0), 0.0
+    plain, lacking = matrix, np.zeros((len(values), len(values)))
     history: list[float] = []
     corrected = False  # by a second step; if that did not help, none is again before a whole step has succeeded
     for number in range(steps):
@@ -83,19 +90,25 @@ def gauss_newton(problem: Problem, values: Array, tolerance: float, steps: int =
                 corrected = True
                 values = values + _step(here, pull, 0.0, free, lower - values, upper - values)
                 continue
-        if not accepted:
+        if not accepted and damping == 0.0 and matrix is not plain:
+            matrix, lacking = plain, np.zeros_like(lacking)
+        elif not accepted:
             damping, growth = max(growth * damping, FIRST_DAMPING), 2.0 * growth
             if damping > 1e9 or not matrix.size:
                 return best, False
         else:
             settled = last - total < max(COST_TOLERANCE, 1e-12 * total) and damping == 0.0
-            if damping > 0.0:
-                ratio = (last - total) / max(expected, 1e-300)
-                damping *= max(1.0 / 3.0, 1.0 - (2.0 * min(ratio, 1.0) - 1.0) ** 3)
+            ratio = (last - total) / max(expected, 1e-300)
+            if damping > 0.0 or ratio < POOR:
+                damping = max(damping, LEAST_DAMPING) * max(1.0 / 3.0, 1.0 - (2.0 * min(ratio, 1.0) - 1.0) ** 3)
                 damping, growth = (damping if damping > LEAST_DAMPING else 0.0), 2.0
+            matrix = plain = here
+            if number > 0:
+                lacking, trusted = _secant(lacking, here, values - best, gradient - pull, free)
+                matrix = here + lacking if trusted else here
             best, last = values.copy(), total
             corrected &= damping > 0.0
-            matrix, gradient = here, pull
+            gradient = pull
         step = _step(matrix, gradient, damping, free, lower - best, upper - best)
         square = float(step @ matrix @ step)
         expected = 2.0 * float(gradient @ step) - square
@@ -111,6 +124,27 @@ def _information(problem: Problem, values: Array) -> Information | None:
         return problem.information_at(values)
     except EvaluationError:
         return None
+
+
+def _secant(lacking: Array, matrix: Array, step: Array, change: Array, free: Indices) -> tuple[Array, bool]:
+    """What the Gauss–Newton `matrix` lacks of the Hessian, updated by the `change` of the gradient over a step (symmetric rank
+    one; begun anew where the sum would not be positive definite), and whether the estimate so far predicted that change better
+    than the matrix alone does."""
+    inner, over = np.ix_(free, free), step[free]
+    size = np.sqrt(np.diag(matrix)[free])
+    bare = change[free] - matrix[inner] @ over
+    better = float(np.linalg.norm((bare - lacking[inner] @ over) / size)) < float(np.linalg.norm(bare / size))
+    for start in (lacking[inner], np.zeros((len(free), len(free)))):
+        left = bare - start @ over
+        product = float(left @ over)
+        if abs(product) > LEAST_PRODUCT * float(np.linalg.norm(left / size) * np.linalg.norm(over * size)):
+            found = start + np.outer(left, left) / product
+            with suppress(np.linalg.LinAlgError):
+                np.linalg.cholesky((matrix[inner] + found) / np.outer(size, size))
+                whole = np.zeros_like(matrix)
+                whole[inner] = found
+                return whole, better
+    return np.zeros_like(matrix), False
 
 
 def _step(matrix: Array, gradient: Array, damping: float, free: Indices, lowest: Array, highest: Array) -> Array:
