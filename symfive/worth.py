@@ -66,7 +66,8 @@ class Worth:
     """The worth of correcting `names`: `circles` run → share of the deviation of each circle, `readings` that of all readings
     together, `tool` that of the error at the tool in the workspace, None where it is not there; `certain` whether it is larger
     than its uncertainty; `confounded` what it cannot be separated from, of the machine and, `by_setup`, of the set-up;
-    `of_machine`: whether it is an error of the machine, not of the instrument or the set-up."""
+    `of_machine`: whether it is an error of the machine, not of the instrument or the set-up; `explained`: whether the model
+    explains the readings down to their noise."""
 
     names: tuple[str, ...]
     circles: Mapping[str, float]
@@ -76,6 +77,7 @@ class Worth:
     confounded: tuple[str, ...] = ()
     of_machine: bool = True
     by_setup: tuple[str, ...] = ()
+    explained: bool = True
 
     @property
     def advice(self) -> str:
@@ -92,13 +94,13 @@ class Worth:
             return "no gain at the tool"
         if self.by_setup:
             return f"correct if {parameter_words(self.by_setup[0])} is known to its 1σ: the readings alone do not separate them"
-        return "correct"
+        return "correct" if self.explained else "correct, then measure again: the model does not explain the readings"
 
     def to_data(self) -> dict[str, Any]:
         """As JSON."""
         return {"names": list(self.names), "circles": dict(self.circles), "readings": self.readings, "tool": self.tool,
                 "certain": self.certain, "confounded": list(self.confounded), "of_machine": self.of_machine,
-                "by_setup": list(self.by_setup), "advice": self.advice}  # fmt: skip
+                "by_setup": list(self.by_setup), "explained": self.explained, "advice": self.advice}  # fmt: skip
 
 
 def location_worths(identification: Identification) -> tuple[Worth, ...]:
@@ -168,6 +170,7 @@ def _worth(
         names, shares, _share(*squares), tool, _certain(identification, names),
         confounded=tuple(name for name in others if name in shared),
         by_setup=tuple(name for name in others if name not in shared),
+        explained=identification.fits != "no",
     )  # fmt: skip
 
 

@@ -73,6 +73,17 @@ def test_no_correction_is_advised_from_a_fit_that_did_not_converge():
     assert not location_worths(replace(found, converged=False))
 
 
+def test_a_correction_from_a_model_that_does_not_explain_the_readings_says_so():
+    """A play that the model lacks leaves 20 times the noise."""
+    plan = simulate(
+        _plan("XY"), effects=[make_effect("backlash", axis="X")], truth={"EC0X": 80.0, "backlash.X.width": 12.0}, seed=2
+    )
+    found = identify(plan.campaign)
+    (worth,) = [worth for worth in location_worths(found) if worth.names == ("EC0X",)]
+    assert found.fits == "no" and worth.certain
+    assert worth.advice == "correct, then measure again: the model does not explain the readings"
+
+
 def test_below_the_uncertainty_nothing_is_corrected():
     found = _identified("XY", EC0X=80.0)
     index = found.model.index["EC0X"]

@@ -23,6 +23,10 @@ from symfive.screen import MOST, OnScreen, listed
 SCHEMA = "symfive.identification/1"
 UNCONVERGED = "The fit did not converge: uncertainties may be wrong, take nothing below as final."
 CURVE_POINTS = 37
+LEVEL = 1e-3
+"""How rarely declared noise alone may lead to "does not fit"."""
+NEAR = 1.1
+"""Up to this χ²/dof a significant excess is called small."""
 
 
 @dataclass(frozen=True)
@@ -72,6 +76,19 @@ class Identification(OnScreen):
     def named(self) -> dict[str, float]:
         """The values by name, file units."""
         return self.model.named(self.values)
+
+    @property
+    def fits(self) -> str:
+        """Whether the model explains the readings down to the declared noise: `yes`, `nearly`, `no`, `better` (residuals smaller
+        than declared) or `unknown` (too few readings)."""
+        from scipy.special import chdtr, chdtrc
+
+        ratio, dof = self.chi2_dof, self.dof
+        if dof <= 1.0:
+            return "unknown"
+        if chdtrc(dof, ratio * dof) > LEVEL:
+            return "better" if ratio < 0.8 and chdtr(dof, ratio * dof) < LEVEL else "yes"
+        return "nearly" if ratio <= NEAR else "no"
 
     @property
     def std(self) -> Array:

@@ -24,7 +24,7 @@ from symfive.report._spectrum import residual_spectrum
 from symfive.report._standards import standards_section, worth_section
 from symfive.report._style import Tips, rendered
 from symfive.report._tables import noise_table, outlier_table, parameter_table, setup_table
-from symfive.report._words import confounded_machine, confounded_setup, fits, verdict
+from symfive.report._words import confounded_machine, confounded_setup, verdict
 
 FORMATS = ("png", "svg", "pdf")
 NAME = "identification.html"
@@ -134,8 +134,8 @@ def identification_report(
     parameters = identification.parameters
     body = fragment(
         "identification", title=title, facts=_facts(identification),
-        state=fits(identification) if identification.converged else "no",
-        headline=HEADLINES[fits(identification)] if identification.converged else "The fit did not converge.",
+        state=identification.fits if identification.converged else "no",
+        headline=HEADLINES[identification.fits] if identification.converged else "The fit did not converge.",
         verdict=verdict(identification), quality=_quality(identification),
         notes=(*identification.notes, *identification.model.campaign.notes),
         confounded=sentences(confounded_machine(identification)), confounded_setup=sentences(setup, 200), setup_count=len(setup),

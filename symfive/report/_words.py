@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from scipy.special import chdtr, chdtrc
-
 from symfive.effects import form_words
 from symfive.identify import UNCONVERGED, Identification
 from symfive.machine import Machine
@@ -12,21 +10,7 @@ from symfive.parameters import DETERMINED, Parameter
 from symfive.screen import aligned, wrapped
 from symfive.worth import location_worths, worth_text
 
-LEVEL = 1e-3
-"""How rarely declared noise alone may lead to "does not fit"."""
-NEAR = 1.1
-"""Up to this χ²/dof a significant excess is called small."""
 _OTHERS = {"drive": "gain of a drive", "instrument": "parameter of the instrument"}
-
-
-def fits(identification: Identification) -> str:
-    """`yes`, `nearly`, `no`, `better` (residuals smaller than declared) or `unknown` (too few readings)."""
-    ratio, dof = identification.chi2_dof, identification.dof
-    if dof <= 1.0:
-        return "unknown"
-    if chdtrc(dof, ratio * dof) > LEVEL:
-        return "better" if ratio < 0.8 and chdtr(dof, ratio * dof) < LEVEL else "yes"
-    return "nearly" if ratio <= NEAR else "no"
 
 
 def determined(identification: Identification, parameter: Parameter) -> bool:
@@ -62,7 +46,7 @@ def _fit(identification: Identification) -> str:
         "no": f"The model does not explain the readings down to the declared noise: {left}{much}. Either "
               "an effect is missing from the model, or the noise is larger than declared; “symfive diagnose” tells which.",
         "unknown": "There are too few readings to judge the fit.",
-    }[fits(identification)]  # fmt: skip
+    }[identification.fits]  # fmt: skip
 
 
 def _noise(identification: Identification) -> list[str]:
