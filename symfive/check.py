@@ -57,8 +57,11 @@ class Check(OnScreen):
         lines = str(self.machine).split("\n") if self.machine is not None else []
         lines += [str(run) for run in self.runs]
         lines += [f"note: {note}" for note in self.notes]
-        count = len(self.problems)
-        lines.append(f"{count} problem{'s' if count > 1 else ''}:" if count else "no problem found")
+        count, noted = len(self.problems), len(self.notes)
+        rest = (
+            f"no error in the files; look at the note{'s' if noted > 1 else ''} above" if noted else "no problem found"
+        )
+        lines.append(f"{count} problem{'s' if count > 1 else ''}:" if count else rest)
         lines += [f"  {problem}" for problem in self.problems]
         if self.machine is not None and any(_concerns_errors(problem) for problem in self.problems):
             lines += ["a ready block for this structure (prior 1σ in µm and µrad):", "", "[errors]"]

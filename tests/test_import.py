@@ -239,6 +239,12 @@ def test_a_probe_cycle_shows_the_location_errors(tmp_path: Path, capsys):
     assert main([str(w) for w in words]) == 2 and "those of the tip" in capsys.readouterr().err
     words[words.index("0,0,-150")] = "0,0,0"
     assert main([str(w) for w in words]) == 0
+    capsys.readouterr()
+    wrong = ["import", "table-bc", tmp_path / "probe.csv", "-o", tmp_path / "wrong", *options]
+    wrong[wrong.index("0,0,-150")] = "0,0,0"
+    assert main([str(w) for w in wrong]) == 0 and "beyond the stroke" in capsys.readouterr().err
+    assert main(["check", str(tmp_path / "wrong")]) == 0
+    assert "no error in the files; look at the note above" in capsys.readouterr().out
     found = identify(campaign.with_machine(machine))
     for name in kept:
         assert found[name] == pytest.approx(truth[name], abs=4.0 * found.uncertainty(name)), name

@@ -206,9 +206,13 @@ def noted(notes: Iterable[object], quiet: bool) -> None:
 
 
 def written(campaign: Campaign, output: Path, quiet: bool, more: str = "") -> None:
-    """What a folder holds now, on standard error."""
+    """What a folder holds now, and what of it is hardly meant, on standard error."""
     if not quiet:
-        click.echo(f"{campaign.rows} rows of {len(campaign.runs)} runs in {output}{more}", err=True)
+        from symfive.plausible import doubts
+
+        noted(doubts(campaign), quiet)
+        count = len(campaign.runs)
+        click.echo(f"{campaign.rows} rows of {count} run{'s' * (count > 1)} in {output}{more}", err=True)
 
 
 def tell(data: dict[str, Any], text: str, as_json: bool) -> None:
