@@ -197,6 +197,8 @@ CASES = [
     Case("bar_temperature", "circle", None, {"clock": "campaign"}),
     Case("bar_length", "planar"),
     Case("spindle_growth", "static"),
+    Case("table_growth", "static", None, {}, {"amplitude": 5.0, "time_constant_s": 900.0},
+         {"expansion": 50.0, "time_constant_s": 900.0}),
     Case("counterbalance", "static", "Z", {}, {"amplitude": 5.0, "slope": 0.002, "distance": 1e-3},
          {"drop": 5.0, "slope": 0.01}),
     Case("eccentric_mass", "static", "C"),

@@ -79,7 +79,15 @@ def test_a_wrong_declaration_is_one_sentence_with_its_place(clock: str, said: st
 
 def test_nothing_that_acts_over_time_is_looked_for_where_there_is_none() -> None:
     plan = tour()
-    timed = {"thermal_drift", "axis_growth", "spindle_growth", "bar_temperature", "setup_shift", "vibration"}
+    timed = {
+        "thermal_drift",
+        "axis_growth",
+        "spindle_growth",
+        "table_growth",
+        "bar_temperature",
+        "setup_shift",
+        "vibration",
+    }
 
     def looked_for(plan: Campaign) -> tuple[set[str], set[str]]:
         moments = moments_about(expanded(baseline(plan), (), candidates(plan))[0], candidates(plan))

@@ -175,7 +175,9 @@ def test_without_the_true_effect_in_the_catalogue_the_answer_is_unknown_over_the
         "time_constant_s": 900.0,
     }
     plant.write_campaign(tmp_path / "c", machine, runs, {}, None, [drift], seed=5)
-    result = diagnose(read_campaign(tmp_path / "c"), exclude=("thermal_drift", "axis_growth", "spindle_growth"))
+    result = diagnose(
+        read_campaign(tmp_path / "c"), exclude=("thermal_drift", "axis_growth", "spindle_growth", "table_growth")
+    )
     assert result.findings[0].name == "unknown"
     assert result.findings[0].coordinate == "t"
 

@@ -33,6 +33,18 @@ def test_a_drift_is_not_taken_for_slow_noise(tmp_path):
 
 
 @pytest.mark.slow
+def test_a_table_that_grows_is_told_from_a_drift_of_the_structure(tmp_path):
+    """In the workpiece frame the ball goes away from the table's centre, 6 µm per 100 mm; in the machine's it turns with C."""
+    machine = plant.static_table()
+    growth = {"effect": "table_growth", "amplitude": 6.0, "time_constant_s": 900.0}
+    found = diagnose(read_by_the_plant(tmp_path / "c", machine, grid_runs(machine), [growth]))
+    assert names_of(found) == [("thermal_drift", None)] and found.findings[0].effect.id == "table_growth"
+    said = found.findings[0].parameters
+    assert said["expansion"].value == pytest.approx(60.0, abs=3.0 * said["expansion"].std)
+    assert abs(said["rise"].value) < 3.0 * said["rise"].std and said["expansion"].std < 10.0
+
+
+@pytest.mark.slow
 def test_heat_that_comes_late_is_not_taken_for_slow_noise(tmp_path):
     """Six circles within a few minutes: in each the drift is hardly more than a set-up that lies elsewhere."""
     machine = plant.planar_table()
@@ -52,7 +64,7 @@ def test_noise_too_slow_and_too_large_for_an_instrument_is_a_drift_without_a_nam
     """Heat in a library that has none: noise that wanders would explain it, but as large hardly any instrument has."""
     machine = plant.static_table()
     drift = {"effect": "thermal_drift", "amplitude": 14.0, "direction": [-0.55, 0.63, 0.55], "time_constant_s": 900.0}
-    lacking = ("thermal_drift", "axis_growth", "spindle_growth", "bar_temperature", "setup_shift")
+    lacking = ("thermal_drift", "axis_growth", "spindle_growth", "table_growth", "bar_temperature", "setup_shift")
     runs = bar_runs(machine)[:2]
     wandering = plant.NoiseOptions(coloured_um=0.2, correlation_s=500.0)
     for effects, expected in (([drift], [("unknown", None)]), ([], [])):

@@ -42,6 +42,7 @@ from symfive.effects.servo_mismatch import ServoMismatch
 from symfive.effects.setup_shift import SetupShift
 from symfive.effects.spindle_growth import SpindleGrowth
 from symfive.effects.structural_resonance import StructuralResonance
+from symfive.effects.table_growth import TableGrowth
 from symfive.effects.table_step import TableStep
 from symfive.effects.thermal_drift import ThermalDrift
 from symfive.effects.transmission_error import TransmissionError
@@ -89,6 +90,7 @@ _TABLE: tuple[type[Effect], ...] = (
     LoadInertia,
     SensorLowPass,
     SpindleGrowth,
+    TableGrowth,
     AxisGrowth,
     BarLength,
     BarTemperature,
