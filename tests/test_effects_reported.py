@@ -45,6 +45,30 @@ def test_nothing_is_hidden_by_what_it_is_reported_as(name: str) -> None:
     assert word not in re.split(r"[;,] | and | \(", effect.hidden_by)
 
 
+def test_a_tone_names_the_frequencies_that_read_the_same() -> None:
+    """Rows at even times do not separate f from those mirrored at the sampling rate; at uneven times they do."""
+    plan = campaign("planar")
+    effect = make_effect("vibration", frequency_hz=3.0, phases="run", directions="x")
+    model = Model(plan, (effect,))
+    named = model.named(model.start) | {p.name: 1.0 for p in model.parameters if p.name.endswith((".sin", ".cos"))}
+    (run, *_) = plan.runs
+
+    def read(frequency: float, *parts: str) -> np.ndarray:
+        sizes = {n: v * (n.rpartition(".")[2] in parts or not n.endswith((".sin", ".cos"))) for n, v in named.items()}
+        return model.contribution(effect, sizes | {f"{effect.key}.frequency_hz": frequency})[run.id].ravel()
+
+    values = {name: float(value) for name, value in named.items()}
+    aliases = effect.describe(plan, values, {})["alias_frequencies_hz"].value
+    assert isinstance(aliases, tuple) and aliases == pytest.approx((1.0 / run.interval - 3.0, 1.0 / run.interval + 3.0))
+    for alias in aliases:
+        pair = np.stack([read(alias, "sin"), read(alias, "cos")], axis=1)
+        left = read(3.0, "sin", "cos") - pair @ np.linalg.lstsq(pair, read(3.0, "sin", "cos"))[0]
+        assert np.abs(left).max() < 1e-4  # µm of 1; the clock is written to a microsecond
+    rng = np.random.default_rng(1)
+    runs = [replace(r, time=np.sort(rng.uniform(r.time[0], r.time[-1], r.rows))) for r in plan.runs]
+    assert "alias_frequencies_hz" not in effect.describe(replace(plan, runs=tuple(runs)), values, {})
+
+
 def test_amplitude_and_phase_are_reported_with_their_uncertainty() -> None:
     plan = campaign("planar")
     effect = make_effect("transmission_error", "X", period=10.0)

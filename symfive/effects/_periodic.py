@@ -162,10 +162,16 @@ class Tonal(Effect):
         return row.parameter(f"{own}sin") * ca.sin(angle) + row.parameter(f"{own}cos") * ca.cos(angle)
 
     def tone(
-        self, parameters: Sequence[Parameter], channels: int, values: Values, covariance: Covariance
+        self,
+        campaign: Campaign,
+        parameters: Sequence[Parameter],
+        channels: int,
+        values: Values,
+        covariance: Covariance,
     ) -> tuple[dict[str, Quantity], Array, Array]:
-        """Frequency, `amplitude` along the main axis of the (in general elliptic) motion of all channels, what is `seen` of it,
-        and its `phase` if it is common, else root mean squares over the runs; the direction of that axis and its 1σ (channels,).
+        """Frequency, the two lowest ones above half the sampling rate that read the same, `amplitude` along the main axis of the
+        (in general elliptic) motion of all channels, what is `seen` of it, and its `phase` if it is common, else root mean
+        squares over the runs; the direction of that axis and its 1σ (channels,).
 
         `parameters`: the pairs, channel by channel, and the frequency.
         """
@@ -187,14 +193,26 @@ class Tonal(Effect):
         *ways, turn = propagate(heading, names, values, covariance)[1].tolist()
         spread = length_spread(lambda p: main(p)[0], names, values, covariance)
         unit, runs = pairs[0].unit, len({p.run for p in pairs})
+        own = own_quantity(frequency, values, covariance)
         found = {
-            "frequency_hz": own_quantity(frequency, values, covariance),
+            "frequency_hz": own,
+            **self._aliases(campaign, own),
             "amplitude": Quantity(amplitude, spread, unit),
             **{name: q.times(runs**-0.5) for name, q in seen_length(names, unit, values, covariance).items()},
         }
         if self.phases == "common":
             found["phase"] = Quantity(phase, min(turn, math.pi), "rad")
         return found, direction, np.minimum(ways, 1.0)
+
+    def _aliases(self, campaign: Campaign, frequency: Quantity) -> dict[str, Quantity]:
+        """`alias_frequencies_hz` where the rows are evenly spaced in time: C. E. Shannon 1949."""
+        clocks = [run.start_s * (self.phases == "common") + np.asarray(run.time) for run in self._runs(campaign)]
+        rate = 1.0 / min(run.interval for run in self._runs(campaign))
+        together = [np.concatenate(clocks)] if self.phases == "common" else clocks
+        if min(abs(np.mean(np.exp(2j * np.pi * rate * clock))) for clock in together) < ALIKE:
+            return {}
+        beyond = tuple(rate + sign * float(frequency.value) for sign in (-1.0, 1.0))  # type: ignore[arg-type]
+        return {"alias_frequencies_hz": Quantity(beyond, (frequency.std, frequency.std), "Hz")}
 
 
 def reach_and_shortest(runs: Iterable[Run], axis: str) -> tuple[float, float]:

@@ -45,4 +45,4 @@ class ForceVibration(Tonal, SizedForce):
 
     def describe(self, campaign: Campaign, values: Values, covariance: Covariance) -> dict[str, Quantity]:
         """Frequency, amplitude and phase."""
-        return self.tone(self.parameters(campaign), 1, values, covariance)[0]
+        return self.tone(campaign, self.parameters(campaign), 1, values, covariance)[0]

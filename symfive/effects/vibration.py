@@ -92,7 +92,7 @@ class Vibration(Tonal):
     def describe(self, campaign: Campaign, values: Values, covariance: Covariance) -> dict[str, Quantity]:
         """Frequency, `amplitude` along `direction`, the main axis of the (in general elliptic) motion, and its phase."""
         parameters, channels = self.parameters(campaign), self._channels(campaign)
-        found, *direction = self.tone(parameters, len(channels), values, covariance)
+        found, *direction = self.tone(campaign, parameters, len(channels), values, covariance)
         if self.place == "structure":
             full, spread = (dict(zip(channels, part.tolist(), strict=True)) for part in direction)
             found["direction"] = Quantity(
