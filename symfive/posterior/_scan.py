@@ -19,7 +19,7 @@ import numpy as np
 
 from symfive.arrays import Array, Indices
 from symfive.campaign import Run
-from symfive.effects import BALL, Effect, Form, Scan, Tone
+from symfive.effects import Effect, Form, Scan, Tone
 from symfive.errors import InputError
 from symfive.identify import Identification
 from symfive.inference import whiten
@@ -39,7 +39,7 @@ FINE = 8
 def placed(fit: Identification, scans: Sequence[Scan | Tone], nodes: Iterable[Node]) -> tuple[Form, ...]:
     """The best place of each scan under each noise, as forms that can join the fit: slow noise hides what is slow."""
     taken, found, drafts = {effect.key for effect in fit.model.effects}, list[Form](), set[Effect]()
-    channels = [(scan.channel, scan.axis) for scan in scans if scan.channel != BALL]
+    channels = [(scan.channel, scan.axis) for scan in scans]
     model = Model(fit.model.campaign, (*fit.model.added, *probes(channels)))
     lines = {run.id: model.linearise(run, model.vector(fit.named), ahead=True) for run in fit.model.campaign.runs}
     for node in {(node.size, node.time): node for node in nodes}.values():

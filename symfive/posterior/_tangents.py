@@ -10,7 +10,7 @@ import numpy as np
 
 from symfive.arrays import Array, Indices
 from symfive.campaign import Campaign, Run
-from symfive.effects import AXIS, BALL, CARRIED, FORCE, Effect, Form
+from symfive.effects import AXIS, BALL, CARRIED, FORCE, TOOL, Effect, Form
 from symfive.instruments.drive_force import DriveForce, driven_axis
 from symfive.model import Linearisation, Model
 from symfive.parameters import Parameter
@@ -38,6 +38,20 @@ class _ToolShift(Effect):
     def apply(self, row: Row) -> None:
         for i, c in enumerate("xyz"):
             row.shift[i] += self.parameter(row, c)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _BallShift(Effect):
+    """The table's ball, or what stands there, moved by a constant in the workpiece frame."""
+
+    id: ClassVar[str] = "probe_ball"
+
+    def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
+        return tuple(self.own(c, "um", 1.0) for c in "xyz")
+
+    def apply(self, row: Row) -> None:
+        for i, c in enumerate("xyz"):
+            row.table_ball[i] += self.parameter(row, c)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,7 +105,8 @@ Channel = tuple[str, str | None]
 
 def _probe(channel: Channel) -> Effect:
     kinds = {AXIS: _AxisOffset, CARRIED: _Carried, FORCE: _Force}
-    return kinds[channel[0]](axis=channel[1]) if channel[0] in kinds else _ToolShift()
+    whole = {TOOL: _ToolShift, BALL: _BallShift}
+    return whole[channel[0]]() if channel[0] in whole else kinds[channel[0]](axis=channel[1])
 
 
 def channel_of(form: Form) -> Channel:
@@ -105,12 +120,8 @@ def probes(channels: Iterable[Channel]) -> list[Effect]:
 
 
 def tangent(model: Model, line: Linearisation, run: Run, channel: Channel) -> Array:
-    """How the readings of a run answer to a channel (N, ny, parts), per µm or µrad; of the table's ball, as to its set-up."""
-    if channel[0] == BALL:
-        stems = tuple(run.full_name(f"setup.{name}.") for name in ("table_ball", "zero"))
-        wanted = [i for i in line.columns if model.parameters[i].name.startswith(stems)]
-    else:
-        wanted = [model.index[p.name] for p in _probe(channel).parameters(model.campaign)]
+    """How the readings of a run answer to a channel (N, ny, parts), per µm or µrad."""
+    wanted = [model.index[p.name] for p in _probe(channel).parameters(model.campaign)]
     there = line.columns.tolist()
     if any(i not in there for i in wanted):  # a run that does not read the channel
         return np.zeros((*line.jacobian.shape[:2], len(wanted)))
