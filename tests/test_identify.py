@@ -405,3 +405,15 @@ def test_the_ball_bar_procedure_of_the_docs_converges_with_plays(name: str, seed
     assert fit["backlash.X.width"] == pytest.approx(9.0, abs=0.1)
     for key, width in truth.items():
         assert abs(fit[key] - width) < 3.0 * fit.uncertainty(key)  # these circles hardly see a play of C
+
+
+def test_an_axis_that_is_late_has_a_lower_gain_and_no_negative_feed_forward():
+    """At one feed both fit; a velocity feed-forward below 0 no control has."""
+    machine = preset("three-axis")
+    plan = campaign_of(machine, planar_circle(machine, feed=2000.0, rate_hz=10.0))
+    gain = make_effect("servo_mismatch", axis="Y", gains=("position_gain",))
+    measured = simulate(plan, effects=[gain], truth={"servo_mismatch.Y.position_gain": 43.0}, seed=3).campaign
+    late = identify(measured, effects=[gain])
+    assert late["servo_mismatch.Y.position_gain"] == pytest.approx(43.0, abs=0.1) and late.fits in ("yes", "nearly")
+    forward = identify(measured, effects=[make_effect("servo_mismatch", axis="Y", gains=("feedforward",))])
+    assert forward["servo_mismatch.Y.feedforward"] == pytest.approx(0.0, abs=1e-6) and forward.fits == "no"

@@ -59,7 +59,7 @@ class ServoMismatch(Effect):
         for gain in self.gains:
             nominal = float(getattr(drive, gain))
             if gain == "feedforward":
-                found.append(self.own(gain, UNITS[gain], 0.3, mean=nominal))
+                found.append(self.own(gain, UNITS[gain], 0.3, mean=nominal, lower=min(0.0, nominal)))
             else:
                 size = nominal or 1.0
                 lower = 0.0 if gain == "viscous" else 1e-3 * size
