@@ -192,7 +192,8 @@ def test_a_frozen_stratum_is_as_it_was_before_anything_was_run_on_it(path: str) 
 def test_no_name_of_a_frozen_stratum_is_the_librarys(stratum: str) -> None:
     assert len(FROZEN[stratum]) >= 15
     assert set(FROZEN[stratum]) == set(plant_effects.FROZEN[stratum])
-    assert set(FROZEN[stratum]).isdisjoint(EFFECTS)
+    # a warm table came into the library on 2026-11-28, after the stratum was drawn (docs/blind-study.md)
+    assert set(FROZEN[stratum]) & set(EFFECTS) <= {"table_growth"}
     assert set(FROZEN[stratum]).isdisjoint(draw(1.0)["effect"] for draw in _old_drafts())
 
 

@@ -45,18 +45,24 @@ class TransmissionError(Periodic):
     def candidates(cls, campaign: Campaign) -> Forms:
         for axis in moving(campaign):
             reach, shortest = reach_and_shortest(campaign.runs, axis)
+            # what is seen once may be a turn of a rotary axis; along a line it is a bow
+            longest = reach if campaign.machine.axes[axis].rotary else reach / CYCLES
 
-            def form(cycles: float, resolution: float, places: int, axis: str = axis) -> Form:
+            def form(cycles: float, resolution: float, places: int, axis: str = axis, longest: float = longest) -> Form:
                 period, sigma = 1.0 / cycles, 0.5 * resolution / cycles**2
                 plain = cls(axis=axis, period=period, period_sigma=sigma)
                 richer = [replace(plain, harmonics=n) for n in RICHER]
-                richer += [replace(plain, period=m * period, period_sigma=m * sigma, harmonics=n) for m, n in MULTIPLES]
+                richer += [
+                    replace(plain, period=m * period, period_sigma=m * sigma, harmonics=n)
+                    for m, n in MULTIPLES
+                    if m * period <= longest
+                ]
                 return Form(effect=plain, shapes=tuple(richer), places=places)
 
             if reach > CYCLES * shortest:
                 yield Tone(
                     channel=AXIS, axis=axis, coordinate=lambda run, axis=axis: np.asarray(run.commands[axis]),  # type: ignore[misc]
-                    lowest=1.0 / reach, highest=1.0 / shortest, form=form,
+                    lowest=1.0 / longest, highest=1.0 / shortest, form=form,
                 )  # fmt: skip
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
