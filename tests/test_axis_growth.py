@@ -58,6 +58,7 @@ def test_growth_is_named_and_predicts_the_runs_held_out() -> None:
     assert after <= 1.1 * NOISE_UM < before / 3.0
 
 
+@pytest.mark.slow
 def test_a_drift_of_the_tool_along_an_axis_is_no_growth() -> None:
     [finding] = diagnose(warming(ppm=0.0, shift_um=8.0)).findings
     assert (finding.name, finding.axis, finding.effect.id) == ("thermal_drift", None, "thermal_drift")

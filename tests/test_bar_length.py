@@ -27,6 +27,7 @@ def circles(too_long_um: float) -> Campaign:
     return replace(plan, runs=tuple(runs))
 
 
+@pytest.mark.slow
 def test_a_bar_that_is_longer_than_stated_is_the_bar_s_fault() -> None:
     [finding] = diagnose(circles(25.0)).findings
     assert (finding.name, finding.axis, finding.effect.id) == ("sensor_error", None, "bar_length")

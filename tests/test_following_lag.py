@@ -96,6 +96,7 @@ def test_where_a_recording_begins_in_motion_the_lag_has_settled(still: Campaign)
     assert followed(still, moving, LAG_S).value == pytest.approx(ramp["Y"] - speed * LAG_S, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_a_concealed_loop_is_named_with_its_gain(tmp_path: Path) -> None:
     found = diagnose(circles(tmp_path, slow=["Y"], interval_s=0.16))
     (finding,) = found.findings

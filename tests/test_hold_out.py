@@ -144,6 +144,7 @@ def test_a_finding_that_is_refuted_is_withdrawn_and_said(refuted: Diagnosis) -> 
     assert data["rms_after_um"].keys() == data["readings"].keys() == {"all", "fitted", "held_out"}
 
 
+@pytest.mark.slow
 def test_a_run_that_no_fit_has_seen_has_its_own_zero() -> None:
     measured = axis_test(runs=2)
     shifted = measured.runs[1].with_readings({"X_dev_um": measured.runs[1].readings["X_dev_um"] + 3.0})

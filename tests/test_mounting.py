@@ -162,6 +162,7 @@ DRIFT = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 def test_a_drift_that_new_set_up_errors_absorb_is_found_behind_a_ball_that_stays(tmp_path: Path) -> None:
     found = diagnose(concealed(tmp_path / "c", effects=(DRIFT,)))
     assert [finding.name for finding in found.findings] == ["thermal_drift"]
@@ -187,6 +188,7 @@ def _planned(setups: int) -> Plan:
     return plan(machine, instrument="r_test", points=8, setups=setups, starts=1, anywhere=False, prove=False)
 
 
+@pytest.mark.slow
 def test_a_plan_says_what_it_counts_on_and_the_sheet_what_to_do(tmp_path: Path) -> None:
     made = _planned(2)
     (note,) = [note for note in made.notes if "mounted anew" in note]

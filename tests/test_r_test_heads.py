@@ -89,6 +89,7 @@ def test_sensors_in_one_plane_are_refused(tmp_path):
         read_campaign(tmp_path)
 
 
+@pytest.mark.slow
 def test_a_head_in_the_spindle_is_no_nest(tmp_path, capsys):
     write_machine(location_only("oyama-2010"), tmp_path / "machine.toml")
     words = ["--frame", "tool", "--points", "6", "--setups", "1", "--starts", "1", "--no-proof", "-q"]

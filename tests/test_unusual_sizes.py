@@ -65,6 +65,7 @@ def test_an_axis_that_goes_too_far_is_not_advised_to_be_compensated_more(sign: f
     assert word in " ".join(str(result).split())
 
 
+@pytest.mark.slow
 def test_two_bodies_that_grow_in_opposite_ways_are_one_drift() -> None:
     """A bed warms up in minutes and its frame later: the straight line that was found first left a third of it."""
     time = np.repeat(60.0 * np.arange(44.0), 3) + np.tile([0.0, 4.0, 8.0], 44)
