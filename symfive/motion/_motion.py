@@ -223,14 +223,18 @@ class RunMotion:
         name = self._freed.get((axis.name, LAG))
         if name is None:
             return command
-        time, tau = self.run.time - self.run.time[0], self.values[name]
-        steps, moving = np.diff(time), self.run.options.get("start") == "moving"
+        factor, moving = self._instants if self._curved else 1, self.run.options.get("start") == "moving"
+        tau, interval = self.values[name], self.run.interval / factor
 
         def follow(column: Array) -> tuple[Array, Array]:
-            speed = float(column[1] - column[0]) / float(steps[0]) if moving else 0.0
-            rest = column - column[0] - speed * time
+            finer, first = self._finer(column, factor)
+            time, steps = interval * np.arange(len(finer)), np.full(len(finer) - 1, interval)
+            speed = float(finer[1] - finer[0]) / interval if moving else 0.0
+            rest = finer - finer[0] - speed * time
             lagged = first_order(rest, steps, tau)
-            return column - rest + lagged - tau * speed, first_order_slope(rest, lagged, steps, tau) - speed
+            position, slope = finer - rest + lagged - tau * speed, first_order_slope(rest, lagged, steps, tau) - speed
+            rows = first + factor * self.run.steps
+            return position[rows], slope[rows]
 
         position, late = follow(command.value)
         return Series(position, {n: follow(slope)[0] for n, slope in command.tangents.items()} | {name: late})
@@ -279,7 +283,7 @@ class RunMotion:
         return Series(np.asarray(curve(at)), dict.fromkeys(self._clocks, np.asarray(-curve(at, 1) * moves)))
 
     def _driven(self, axis: Axis, command: Array) -> AxisMotion:
-        factor = max(1, int(np.ceil(self.run.interval / LATE_S - 1e-9))) if self.delay or self._curved else 1
+        factor = self._instants if self.delay or self._curved else 1
         response, names, first = self._response(axis, factor)
         if self.delay:
             place = np.asarray(first + factor * (self.run.steps - self.delay / self.run.interval))
@@ -293,6 +297,11 @@ class RunMotion:
             tangents = {n: motion[:, k, 1 + i] for i, n in enumerate(names)}
             parts.append(Series(motion[:, k, 0], tangents | dict.fromkeys(self._clocks, -rate[:, k])))
         return AxisMotion(Series(command), *parts)
+
+    @property
+    def _instants(self) -> int:
+        """How many instants of an interval tell how an axis moves between its rows."""
+        return max(1, int(np.ceil(self.run.interval / LATE_S - 1e-9)))
 
     @property
     def _curved(self) -> bool:
@@ -311,17 +320,21 @@ class RunMotion:
         wanted = {q: self._freed[axis.name, q] for q in GAINS if (axis.name, q) in self._freed}
         gains = {quantity: float(getattr(axis.drive, quantity)) for quantity in LOOP}
         gains |= {quantity: self.values[name] for quantity, name in wanted.items()}
-        if len(command) != self.run.steps[-1] + 1:
-            command = _whole(self.run.steps.tobytes(), np.ascontiguousarray(command).tobytes())
-        lead = self._lead(command)
-        command, first = np.concatenate([lead, command]), len(lead)
-        finer = command
-        if factor > 1:
-            at, rows = np.arange((len(command) - 1) * factor + 1) / factor, np.arange(len(command))
-            finer = _spline(rows, command, at) if self._curved else np.interp(at, rows, command)
+        finer, first = self._finer(command, factor)
         interval, order = self.run.interval / factor, tuple(sorted(gains.items()))
         response = _remembered(np.ascontiguousarray(finer).tobytes(), interval, order, tuple(wanted))
-        return response, tuple(wanted.values()), first * factor
+        return response, tuple(wanted.values()), first
+
+    def _finer(self, column: Array, factor: int) -> tuple[Array, int]:
+        """What is commanded at `factor` instants per interval, without gaps and with its lead, and the place of the first row."""
+        if len(column) != self.run.steps[-1] + 1:
+            column = _whole(self.run.steps.tobytes(), np.ascontiguousarray(column).tobytes())
+        lead = self._lead(column)
+        column, first = np.concatenate([lead, column]), len(lead)
+        if factor == 1:
+            return column, first
+        at, rows = np.arange((len(column) - 1) * factor + 1) / factor, np.arange(len(column))
+        return _spline(rows, column, at) if self._curved else np.interp(at, rows, column), first * factor
 
     def _lead(self, command: Array) -> Array:
         """What a programme commanded before the first row where the recording begins in motion (`start = "moving"`): its
