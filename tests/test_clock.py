@@ -327,6 +327,18 @@ def test_a_polar_export_knows_its_angle_as_far_as_is_said() -> None:
     assert polar_run(preset("three-axis"), angle, np.zeros(360), angle_error=0.0, **options).clock_sigma_ms == 0.0
 
 
+def test_a_polar_export_does_not_know_the_lag_of_drives_that_are_not_stated() -> None:
+    """The angle is that of the bar, which is where the axes are: 20 to 50 ms after their command, however fast they go."""
+    machine = preset("three-axis")
+    bare = replace(machine, axes={name: replace(axis, drive=None) for name, axis in machine.axes.items()})
+    angle, options = np.arange(0.0, 360.0, 1.0), {"centre": (0.0, 0.0, 80.0), "radius": 100.0}
+    slow, fast = (
+        polar_run(bare, angle, np.zeros(360), feed=feed, **options).clock_sigma_ms for feed in (2000.0, 20000.0)
+    )
+    assert slow == pytest.approx(np.hypot(13.09, 25.0), abs=0.01)
+    assert fast == pytest.approx(25.0, abs=0.1)
+
+
 @pytest.mark.parametrize("value", [-1.0, np.nan, "5", 1e9])
 def test_a_clock_is_a_standard_deviation(value: object) -> None:
     run = late_circles(0.0).runs[0]
