@@ -11,7 +11,7 @@ import pytest
 from test_outliers import NOISE_UM, campaign, positioning
 from test_real_recordings import recordings
 
-from symfive.campaign import Campaign, read_campaign, write_campaign
+from symfive.campaign import Campaign, SetupSigma, read_campaign, write_campaign
 from symfive.check import check
 from symfive.convert import convert
 from symfive.diagnose import diagnose, partitions
@@ -25,6 +25,7 @@ from symfive.model import Model
 from symfive.motion import (
     Acceleration,
     Command,
+    Late,
     Play,
     Position,
     PreSliding,
@@ -296,6 +297,7 @@ def test_slopes_in_the_clock_are_exact_but_where_an_axis_turns() -> None:
 
 
 @pytest.mark.parametrize("driven", [True, False], ids=["drive", "no drive"])
+@pytest.mark.parametrize("what", ["delay", "drift"])
 @pytest.mark.parametrize(
     "signal",
     [
@@ -304,17 +306,19 @@ def test_slopes_in_the_clock_are_exact_but_where_an_axis_turns() -> None:
     ],
     ids=lambda signal: type(signal).__name__,
 )  # fmt: skip
-def test_a_signal_knows_its_slope_in_the_delay(signal: Signal, driven: bool) -> None:
-    """Against the difference of the signal at two delays, but for the rows about which a direction changes in between."""
+def test_a_signal_knows_its_slope_in_the_delay(signal: Signal, what: str, driven: bool) -> None:
+    """Against the difference of the signal at two delays or drifts, but for rows about which a direction changes in between."""
     plan = late_circles(20.0)
     machine = plan.machine
     if not driven:
         axes = {name: replace(axis, drive=None) for name, axis in machine.axes.items()}
         machine = replace(machine, axes=axes)
     motion = RunMotion(plan.runs[0], machine, {}, {"width": 30.0, "distance": 20.0})
-    step = 1e-3 * plan.runs[0].interval
-    slope = motion.late(4e-3, ["delay"]).series(signal).tangents.get("delay", 0.0)
-    ahead, back = (motion.late(4e-3 + by).series(signal).value for by in (step, -step))
+    run, step = plan.runs[0], 1e-3 * plan.runs[0].interval
+    late = Late(4e-3, 2e-3, run.start_s + run.time[0], run.duration, ("delay",), ("drift",))
+    slope = motion.late(late).series(signal).tangents.get(what, 0.0)
+    at = getattr(late, what)
+    ahead, back = (motion.late(late._replace(**{what: at + by})).series(signal).value for by in (step, -step))
     wanted = (ahead - back) / (2.0 * step)
     scale = np.quantile(np.abs(wanted), 0.95)
     assert scale > 0.0 or isinstance(signal, Command)
@@ -333,6 +337,33 @@ def test_a_polar_export_knows_its_angle_as_far_as_is_said() -> None:
     run = polar_run(preset("three-axis"), angle, np.zeros(360), **options)
     assert run.clock_sigma_ms == pytest.approx(13.09, abs=0.01)
     assert polar_run(preset("three-axis"), angle, np.zeros(360), angle_error=0.0, **options).clock_sigma_ms == 0.0
+
+
+def test_a_polar_export_may_stretch_its_angles() -> None:
+    """The software knows the begin and the end of the arc to some ms each, and takes the feed for constant in between."""
+    angle, stretch = np.arange(0.0, 360.0, 1.0), 1e-3
+    true = np.radians(180.0 + (1.0 + stretch) * (angle - 180.0))
+    read = 1e3 * (np.hypot(100.0 * np.cos(true) - 0.2, 100.0 * np.sin(true)) - 100.0)  # 0.2 mm off its centre
+    machine = replace(preset("three-axis"), errors={})
+    run = polar_run(
+        machine, angle, read, centre=(0.0, 0.0, 80.0), radius=100.0, feed=2000.0, noise_um=0.01,
+        setup_sigma_um=SetupSigma(table_ball=200.0, tool_ball=20.0, length=0.5),
+    )  # fmt: skip
+    fit = identify(Campaign(machine=machine, runs=(run,)), noise="declared")
+    assert fit.rms_um < 0.03
+    assert fit.named[f"setup.{run.id}.clock_drift"] == pytest.approx(-1e3 * stretch * run.duration, rel=0.1)
+
+
+def test_a_polar_export_does_not_know_the_lag_of_drives_that_are_not_stated() -> None:
+    """The angle is that of the bar, which is where the axes are: 20 to 50 ms after their command, however fast they go."""
+    machine = preset("three-axis")
+    bare = replace(machine, axes={name: replace(axis, drive=None) for name, axis in machine.axes.items()})
+    angle, options = np.arange(0.0, 360.0, 1.0), {"centre": (0.0, 0.0, 80.0), "radius": 100.0}
+    slow, fast = (
+        polar_run(bare, angle, np.zeros(360), feed=feed, **options).clock_sigma_ms for feed in (2000.0, 20000.0)
+    )
+    assert slow == pytest.approx(np.hypot(13.09, 25.0), abs=0.01)
+    assert fast == pytest.approx(25.0, abs=0.1)
 
 
 @pytest.mark.parametrize("value", [-1.0, np.nan, "5", 1e9])

@@ -13,7 +13,7 @@ import pytest
 from effects_world import CASES, around, campaign, every_case, model_of, polar
 
 from symfive.campaign import read_campaign
-from symfive.effects import EFFECTS, VOCABULARY, make_effect
+from symfive.effects import EFFECTS, VOCABULARY, Quantity, make_effect
 from symfive.errors import InputError
 from symfive.model import Model, effect_to_data, effects_from_data, signature
 from symfive.report.signature import plot_signature
@@ -95,6 +95,16 @@ def test_vocabulary_is_that_of_the_conventions() -> None:
     others = {"force_friction", "force_delay", "force_ripple", "force_vibration", "gravity_torque", "varying"}  # below
     others |= {"following_lag", "load_inertia"}  # of axes without a drive, of an arm: tests of their own
     assert {case.effect for case in CASES} | others == set(EFFECTS)
+
+
+def test_a_play_is_said_as_it_acts() -> None:
+    """A shop reads in one line whether the play grows along its axis, and whether a carriage shifts or tilts."""
+    sizes = {"width": Quantity(6.0, 0.1, "um"), "slope": Quantity(0.03, 0.001, "um/mm")}
+    grown, mended = make_effect("backlash", "X", shape="wind_up").advice(sizes)
+    plain = make_effect("backlash", "X").advice(sizes)
+    assert "unequal backlash" in grown and mended != plain[1]
+    assert "sideways" in make_effect("lateral_play", component="EYX").advice(sizes)[0]
+    assert "tilts" in make_effect("lateral_play", component="EBX").advice(sizes)[0]
 
 
 def test_signature_is_drawn() -> None:

@@ -96,6 +96,20 @@ def test_where_a_recording_begins_in_motion_the_lag_has_settled(still: Campaign)
     assert followed(still, moving, LAG_S).value == pytest.approx(ramp["Y"] - speed * LAG_S, abs=1e-9)
 
 
+def test_on_a_circle_that_begins_in_motion_the_lag_is_that_of_a_steady_oscillation(still: Campaign) -> None:
+    """Every 1.6°, some rows missing, as ball-bar software exports it: amplitude and phase of 1/(1 + iωτ) from the first row."""
+    run, rate, rows = still.runs[2], 0.7, np.delete(np.arange(225), np.r_[40:45, 150:153])
+    time = 0.04 * rows
+    turning = {**run.commands, "Y": 100.0 * np.cos(rate * time)}
+    lagged, phase = 100.0 / np.hypot(1.0, rate * LAG_S), np.arctan(rate * LAG_S)
+    circle = Run(
+        id="circle", instrument=run.instrument, sampling="dynamic", time=time, readings={}, table_ball=run.table_ball,
+        commands={name: np.resize(way, len(time)) for name, way in turning.items()}, tool_ball=run.tool_ball,
+        length=run.length, noise_um=run.noise_um, options={"start": "moving", "between": "curve"},
+    )  # fmt: skip
+    assert followed(still, circle, LAG_S).value == pytest.approx(lagged * np.cos(rate * time - phase), abs=2e-4)
+
+
 @pytest.mark.slow
 def test_a_concealed_loop_is_named_with_its_gain(tmp_path: Path) -> None:
     found = diagnose(circles(tmp_path, slow=["Y"], interval_s=0.16))

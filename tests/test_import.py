@@ -17,6 +17,7 @@ from symfive.errors import InputError
 from symfive.identify import identify
 from symfive.importers import cycles_of, every, meanings, moved_pieces, read_table, split, taken, turns_of
 from symfive.machine import preset
+from symfive.motion import approach
 from symfive.procedures import Nominal, campaign_of, linear_positioning, r_test_grid
 from symfive.simulate import simulate
 from symfive.standards import standard_values
@@ -164,6 +165,14 @@ def test_a_laser_file_gives_the_numbers_of_its_test(tmp_path: Path):
     assert [run.rows for run in cycles.runs] == [2 * len(targets)] * 5
     again = {v.title: v.value for v in standard_values(cycles)}
     assert again["E X"] == pytest.approx(wanted["E X"], abs=0.01)
+
+
+def test_a_positioning_test_keeps_its_times(tmp_path: Path):
+    """As a growth of the axis needs them; the last target stands twice, reached from either side."""
+    (tmp_path / "x.csv").write_text("time [s];target [mm];deviation [µm]\n5;0;0\n11;100;1\n29;100;4\n36;0;3\n")
+    (run,) = _imported(tmp_path, "three-axis", tmp_path / "x.csv", "--yes").runs
+    assert run.has_clock and run.time.tolist() == [0.0, 6.0, 24.0, 31.0]
+    assert approach(run.commands["X"]).tolist() == [1.0, 1.0, -1.0, -1.0]
 
 
 def test_a_rotary_axis_has_a_positioning_test_too(tmp_path: Path):

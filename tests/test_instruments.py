@@ -9,8 +9,10 @@ from scipy.spatial.transform import Rotation
 from symfive.campaign import Campaign, Run, SetupSigma
 from symfive.effects import make_effect
 from symfive.errors import InputError
+from symfive.identify import identify
 from symfive.machine import machine_from_data, preset
 from symfive.model import Model
+from symfive.procedures import campaign_of, linear_positioning
 
 UNITS = dict(zip("XYZABC", np.vstack([np.eye(3), np.eye(3)]), strict=True))
 MACHINES = {
@@ -155,6 +157,17 @@ def relative_rotations(plan, name):
     """Of the tool in the workpiece frame, a row each, from where it carries four points."""
     unit = [balls(plan, name, np.eye(3)[i]) - balls(plan, name, np.zeros(3)) for i in range(3)]
     return Rotation.from_matrix(np.stack(unit, axis=2))
+
+
+def test_a_laser_that_is_pushed_within_its_test_reads_a_step():
+    (run,) = linear_positioning(preset("three-axis"), axis="X", cycles=3)
+    pushed = {"X_dev_um": 4.0 * (np.arange(run.rows) >= 20)}
+    plan = campaign_of(preset("three-axis"), [replace(run, readings=pushed)])
+    begin = {"t_s": float(run.time[19] + run.time[20]) / 2.0} if run.has_clock else {"row": 21}
+    fit = identify(plan, effects=[make_effect("setup_shift", run=run.id, **begin)])
+    assert fit.named[f"setup_shift.{run.id}.shift.x"] == pytest.approx(
+        -4.0, abs=0.1
+    )  # of the laser, towards its reflector
 
 
 @pytest.mark.parametrize("axis", ["B", "C"])

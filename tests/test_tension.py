@@ -68,7 +68,7 @@ def test_of_a_clock_that_is_far_off_the_times_are_to_be_checked() -> None:
     runs = tuple(replace(run, clock_sigma_ms=1.0) for run in PLAN.runs)
     plan = replace(PLAN, runs=runs)
     exact = {p.name: 0.0 for p in identify(simulate(plan, seed=1).campaign).parameters}
-    late_by = {f"setup.{run.id}.clock": 60.0 for run in runs}
+    late_by = {f"setup.{run.id}.clock": 40.0 for run in runs}
     (said,) = (n for n in identify(simulate(plan, truth=exact | late_by, seed=1).campaign).notes if "prior mean" in n)
     assert said.startswith("clock of run ") and "clock_sigma_ms" in said and "table_ball" not in said
 

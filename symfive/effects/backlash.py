@@ -54,6 +54,12 @@ class Backlash(Effect):
 
     def advice(self, sizes: Mapping[str, Quantity]) -> tuple[str, str]:
         width = sizes.get("width")
+        if self.shape == "wind_up":
+            return (
+                "unequal backlash: it grows along the axis (wind-up)",
+                "check the support bearings of the screw, its wear and its torsion at the end where the backlash is larger; one "
+                "value of backlash compensation removes its mean only",
+            )
         if width is None or not isinstance(width.value, float) or width.value >= 0.0:
             return super().advice(sizes)
         return (

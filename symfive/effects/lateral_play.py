@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Self
 
 from symfive.effects._base import Effect
 from symfive.effects._component import component_of
 from symfive.effects._form import Form, Forms, across, reversing
+from symfive.effects._quantity import Quantity
 from symfive.errors import InputError
 from symfive.motion import Direction, Play, PreSliding, Signal
 from symfive.parameters import Parameter
@@ -54,6 +56,10 @@ class LateralPlay(Effect):
                 yield Form(
                     effect=cls(component=symbol), shapes=tuple(cls(component=symbol, shape=s) for s in SHAPES[1:])
                 )
+
+    def advice(self, sizes: Mapping[str, Quantity]) -> tuple[str, str]:
+        tilts = self.component[1] in "ABC"
+        return "the carriage tilts when it reverses" if tilts else self.says, self.action
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         component = component_of(self.component, campaign.machine)

@@ -93,7 +93,7 @@ def relief_notes(plain: Identification, full: Identification) -> tuple[str, ...]
 
 def _setup(fit: Identification, worst: Tension) -> str:
     """What a set-up may have wrong: an uncalibrated bar reads like a scale error of both axes of its circle."""
-    if worst.worst.endswith(".clock"):
+    if worst.worst.endswith((".clock", ".clock_drift")):
         return "the angles or times of the recording (clock_sigma_ms in campaign.toml)"
     bar = any("ball_bar" in run.instrument for run in fit.model.campaign.runs)
     where = "where balls and nests stand (table_ball, tool_ball"

@@ -51,6 +51,8 @@ FITTED = SetupSigma(table_ball=1000.0, tool_ball=20.0, length=1000.0)
 """Set-up of a circle whose software has taken its own mean radius and centre off: neither is known any more."""
 ANGLE_ERROR = 0.5
 """How well the software's angle is known, degree: a start found in the bar's own motion, a servo lag of 20 to 50 ms."""
+UNKNOWN_LAG_MS = 25.0
+"""1σ of the lag of axes whose drives the machine file does not state: the bar is where they are, 20 to 50 ms late."""
 ZERO = 0.1
 """Mean deviation in units of one reading's noise from which on it is no accident: no bar is calibrated that well."""
 
@@ -224,7 +226,7 @@ def polar_run(
         commands=nominal.follow(target, ball, hold or {}, f"circle {id}"), readings={"dL_um": deviation}, table_ball=(x, y, z),
         tool_ball=ball, length=radius, noise_um=noise_um, options={"start": "moving", "between": "curve"},
         setup_sigma_um=setup_sigma_um or SetupSigma(table_ball=20.0, tool_ball=20.0, length=0.5),
-        clock_sigma_ms=1e3 * 0.5 * float(np.radians(angle_error)) * radius / (feed / 60.0),
+        clock_sigma_ms=_clock_sigma_ms(machine, plane, 0.5 * float(np.radians(angle_error)) * radius / (feed / 60.0)),
     )  # fmt: skip
     run = within_travel(machine, run, place="the centre, the radius or the tool's length in the machine file")
     return _timed(run, phi, ahead, np.radians(angle_error))
@@ -259,6 +261,12 @@ def _lag(machine: Machine, plane: str) -> float:
     drives = [machine.axes[name].drive for name in machine.axis_names if name in plane]
     lags = [(1.0 - drive.feedforward) / drive.position_gain for drive in drives if drive is not None]
     return float(np.mean(lags)) if lags else 0.0
+
+
+def _clock_sigma_ms(machine: Machine, plane: str, start: float) -> float:
+    """1σ of the time by which the angles are late against the command, where they begin within `start` s (0: they are exact)."""
+    stated = all(machine.axes[name].drive is not None for name in machine.axis_names if name in plane)
+    return float(np.hypot(1e3 * start, 0.0 if stated else UNKNOWN_LAG_MS)) if start else 0.0
 
 
 def polar_doubts(

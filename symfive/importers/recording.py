@@ -6,7 +6,7 @@ Which of them a table is follows from what its columns mean:
 | --- | --- |
 | `angle` and `deviation` or `radius`, or a column each of `ccw`, `cw` | ball-bar circles, positions reconstructed (`polar_run`) |
 | `target` and `up`, `down` (n columns each) | a positioning test of ISO 230-2, cycle by cycle |
-| `target` and `deviation` or `measured` | the same, rows in measured order; also of a rotary axis |
+| `target` and `deviation` or `measured` | the same, rows in measured order, with a `time` or none; also of a rotary axis |
 | `X_found`, `Y_found`, `Z_found` and rotary axes | a probe cycle: where the sphere's centre was found |
 | readings by their names in a campaign (`dL`, `dx`, `X_dev`, `X_act` …), axes | a recording, dynamic where `time` is there |
 """
@@ -160,11 +160,12 @@ def _positioning(machine: Machine, columns: Columns, setting: Setting, id: str) 
         problem = "a positioning test needs one column deviation or measured beside the target, or columns up and down"
         remedy = "say which: --map deviation=2:um, --map measured=2:mm, or once for each column --map up=2:um --map down=3:um"
         raise InputError(problem, remedy=remedy)
+    time = _one(columns, "time") if "time" in columns else None
     if "measured" in columns:
-        return positioning_run(machine, target, _one(columns, "measured") - target, setting, id)
+        return positioning_run(machine, target, _one(columns, "measured") - target, setting, id, time=time)
     deviation = _one(columns, "deviation")
     _refuse_positions(target, deviation, "deviation")
-    return positioning_run(machine, target, deviation, setting, id)
+    return positioning_run(machine, target, deviation, setting, id, time=time)
 
 
 def _refuse_positions(target: Array, values: Array, columns: str) -> None:
@@ -176,10 +177,11 @@ def _refuse_positions(target: Array, values: Array, columns: str) -> None:
 
 
 def positioning_run(
-    machine: Machine, target: Sequence[float] | Array, deviation: Sequence[float] | Array, setting: Setting, id: str
-) -> Run:
+    machine: Machine, target: Sequence[float] | Array, deviation: Sequence[float] | Array, setting: Setting, id: str, *,
+    time: Array | None = None,
+) -> Run:  # fmt: skip
     """A static run of a laser along (mm) or about (degree) `setting.axis`: `target` and `deviation` (N,) in measured order (ISO
-    230-2).
+    230-2), at `time` (N,) s where it was recorded.
 
     At the ends the same target may stand twice, reached from either side after an overrun without a reading.
     """
@@ -195,7 +197,8 @@ def positioning_run(
             before = step
     commands = Nominal(machine).commands({**setting.hold, setting.axis: way}, len(way))
     run = Run(
-        id=id, instrument=("laser",), sampling="static", clock="none", time=np.arange(float(len(way))), commands=commands,
+        id=id, instrument=("laser",), sampling="static", clock="none" if time is None else "recorded",
+        time=np.arange(float(len(way))) if time is None else time - time[0], commands=commands,
         readings={f"{setting.axis}_dev_{unit}": SMALL[unit] * np.asarray(deviation, dtype=float)},
         tool_ball=tool_ball_of(machine, setting.tool_ball), noise_um=setting.noise_um, options={"axis": setting.axis},
     )  # fmt: skip

@@ -47,7 +47,7 @@ class Laser(Instrument):
         return (setup_parameter(run, "zero", *(("urad", ZERO_SIGMA_URAD) if rotary else ("um", ZERO_SIGMA_UM))),)
 
     def constants(self, run: Run, machine: Machine) -> dict[str, float]:
-        return vector_constants("tool_ball", run.tool_ball)
+        return {**vector_constants("table_ball", run.table_ball), **vector_constants("tool_ball", run.tool_ball)}
 
     def signals(self, run: Run, machine: Machine) -> tuple[Command, ...]:
         from symfive.motion import Command
@@ -70,7 +70,8 @@ class Laser(Instrument):
             angle = ca.atan2(ca.dot(along, _sine(turned)), 0.5 * (ca.trace(turned) - 1.0))
             return [angle + row.parameter("setup.zero")]
         nominal = workpiece.apply_inverse(tool.apply(row.vector("tool_ball")))
-        return [ca.dot(ca.DM(axis.direction), row.ball - nominal) + row.parameter("setup.zero")]
+        ball = row.ball - (row.table_ball - row.vector("table_ball"))  # the laser moves with what shifts on the table
+        return [ca.dot(ca.DM(axis.direction), ball - nominal) + row.parameter("setup.zero")]
 
 
 def _relative(workpiece: Pose, tool: Pose) -> Any:

@@ -14,12 +14,12 @@ from symfive.effects import Effect, baseline_effects
 from symfive.errors import EvaluationError, InputError
 from symfive.instruments import Column, check_mounting, has_clock_of_its_own, instruments_of, setup_parameter
 from symfive.model._assembly import Given, RowFunction, Together, assembled, kind_of, machine_parameters, sensed_columns
-from symfive.motion import GAINS, RunMotion, Series, Signal
+from symfive.motion import GAINS, Late, RunMotion, Series, Signal
 from symfive.parameters import Parameter
 from symfive.runs import Campaign, Run
 from symfive.screen import OnScreen, plural
 
-CLOCK = "clock"
+CLOCK, CLOCK_DRIFT = "clock", "clock_drift"
 """How late the instrument of a run is: its name among the run's own unknowns."""
 
 
@@ -85,8 +85,10 @@ class Model(OnScreen):
                 found |= {p.name: p for p in instrument.parameters(run, self.machine) if p.name not in found}
             check_mounting(run, self.machine)
             if run.clock_sigma_ms and has_clock_of_its_own(run):
-                clock = setup_parameter(run, CLOCK, "ms", run.clock_sigma_ms)
-                found[clock.name] = clock
+                # when it began and when it ended are known alike
+                for name, sigma in ((CLOCK, run.clock_sigma_ms), (CLOCK_DRIFT, 2.0**0.5 * run.clock_sigma_ms)):
+                    clock = setup_parameter(run, name, "ms", sigma)
+                    found[clock.name] = clock
         return tuple(found.values())
 
     def _collect_freed(self) -> dict[tuple[str, str], str]:
@@ -295,7 +297,7 @@ class Model(OnScreen):
         """What the columns of a run see, if asked for with its `slopes` in the clock; kept until a parameter that moves it
         changes."""
         wanted = {*self._freed.values(), *(name for signal in function.inputs for name in signal.parameters)}
-        wanted.add(f"setup.{CLOCK}")
+        wanted |= {f"setup.{CLOCK}", f"setup.{CLOCK_DRIFT}"}
         active = {name: self.index[full] for name in sorted(wanted) if (full := run.full_name(name)) in self.index}
         stamp = tuple(float(vector[i]) for i in active.values())
         cached = self._inputs.get(run)
@@ -304,13 +306,18 @@ class Model(OnScreen):
         values = {name: float(vector[i]) * self.parameters[i].scale for name, i in active.items()}
         motion, sensed = RunMotion(run, self.machine, self._freed, values), sensed_columns(run, self.machine)
         delays = [name for name in (self._freed.get(("", "delay")), f"setup.{CLOCK}") if name in active]
-        late = bool(delays and run.dynamic and sensed)
+        is_late = bool(delays and run.dynamic and sensed)
         clocks = []
-        if not late or len(sensed) < len(function.columns):
+        if not is_late or len(sensed) < len(function.columns):
             clocks.append(_Clock.of(motion, slice(None), _series(motion, function.inputs)))
-        if late:
+        if is_late:
             # an instrument sees everything late; what the control records itself does not, though both may look at one signal
-            seen = motion.late(sum(values[name] for name in delays), delays if slopes else ())
+            drifts = [name for name in (f"setup.{CLOCK_DRIFT}",) if name in active]
+            late = Late(
+                sum(values[name] for name in delays), sum(values[name] for name in drifts), run.start_s + float(run.time[0]),
+                run.duration, tuple(delays if slopes else ()), tuple(drifts if slopes else ()),
+            )  # fmt: skip
+            seen = motion.late(late)
             clocks.append(_Clock.of(motion, sensed if clocks else slice(None), _series(seen, function.inputs)))
         self._inputs[run] = (stamp, slopes, clocks)
         return clocks

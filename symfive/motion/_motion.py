@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeVar
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -28,6 +28,28 @@ LATE_S = 5e-3
 """Instants between which a drive's motion is a cubic of position and velocity: a fourth of a fast loop's time constant."""
 LEAD_S, LEAD_ROWS = 0.5, 5
 """Ten time constants of a slow position loop (20 1/s); rows that say how the motion goes on backwards."""
+
+
+class Late(NamedTuple):
+    """How late an instrument's clock is: `delay` s in the middle of a run that begins at `begin` and lasts `span` s on the
+    campaign's clock, `drift` s more at its end than at its begin; `clocks` and `drifts` name the parameters that make them up."""
+
+    delay: float = 0.0
+    drift: float = 0.0
+    begin: float = 0.0
+    span: float = 1.0
+    clocks: tuple[str, ...] = ()
+    drifts: tuple[str, ...] = ()
+
+    def __bool__(self) -> bool:
+        return bool(self.delay or self.drift or self.clocks)
+
+    def share(self, clock: Array) -> Array:
+        """What of the drift has come, from -1/2 to 1/2."""
+        return (clock - self.begin) / self.span - 0.5
+
+
+IN_TIME = Late()
 
 
 @dataclass(frozen=True)
@@ -122,19 +144,19 @@ class RunMotion:
     """The motion of every axis in a run, given the parameters (internal units, by name).
 
     `freed` maps (axis, quantity of the drive) to the name of the parameter that takes its place. Nothing is computed again
-    until a parameter that moves it changes. The motion is that of `delay` s earlier, row by row; its slopes in the delay are
-    those of the parameters `clocks`, which make it up.
+    until a parameter that moves it changes. The motion is as an instrument sees it that is `late`, with its slopes in what makes
+    that up.
     """
 
     def __init__(
         self, run: Run, machine: Machine, freed: Mapping[tuple[str, str], str], values: Mapping[str, float],
-        delay: float = 0.0, clocks: tuple[str, ...] = (),
+        late: Late = IN_TIME,
     ) -> None:  # fmt: skip
         self.run = run
         self.machine = machine
         self._freed = freed
         self.values = values
-        self.delay, self._clocks = delay, clocks
+        self._late = late
 
     def _kept(
         self, what: object, axis: str | None, parameters: Sequence[str], make: Callable[[], T], *, late: bool = True
@@ -142,8 +164,10 @@ class RunMotion:
         """The result of `make`, which depends on `parameters`, the freed gains of an axis (None: of all axes) and, if it is
         `late`, on the delay."""
         gains = tuple((place, name) for place, name in self._freed.items() if axis in (None, place[0]))
-        delay, key = (self.delay, (what, gains, self._late, self._clocks)) if late else (0.0, (what, gains))
-        stamp = (delay, *(self.values.get(name) for name in (*(name for _, name in gains), *parameters)))
+        seen, key = (
+            (self._late, (what, gains, bool(self._late), self._late.clocks)) if late else (IN_TIME, (what, gains))
+        )
+        stamp = (*seen[:4], *(self.values.get(name) for name in (*(name for _, name in gains), *parameters)))
         kept = _KEPT.setdefault(self.run, {})
         found = kept.get(key)
         if found is None or found[0] is not self.machine or found[1] != stamp:
@@ -151,9 +175,15 @@ class RunMotion:
         result: T = found[2]
         return result
 
-    @property
-    def _late(self) -> bool:
-        return bool(self.delay or self._clocks)
+    @cached_property
+    def _delay(self) -> Array:
+        """How much earlier the motion is that is seen in each row, s (N,)."""
+        return np.asarray(self._late.delay + self._late.drift * self._late.share(self.clock))
+
+    def _slopes(self, rate: Array) -> dict[str, Array]:
+        """Tangents in the delay of what changes by `rate` (N,) in a second."""
+        drifting = dict.fromkeys(self._late.drifts, -rate * self._late.share(self.clock)) if self._late.drifts else {}
+        return dict.fromkeys(self._late.clocks, -rate) | drifting
 
     @cached_property
     def clock(self) -> Array:
@@ -176,7 +206,7 @@ class RunMotion:
 
     @cached_property
     def _pieces(self) -> list[RunMotion]:
-        own = self.machine, self._freed, self.values, self.delay, self._clocks
+        own = self.machine, self._freed, self.values, self._late
         return [RunMotion(piece.run, *own) for piece in self.run.pieces]
 
     @cached_property
@@ -187,11 +217,11 @@ class RunMotion:
             return None
         if run not in _PROGRAMMES:
             _PROGRAMMES[run] = programme_of(run)
-        return RunMotion(_PROGRAMMES[run], self.machine, self._freed, self.values, self.delay, self._clocks)
+        return RunMotion(_PROGRAMMES[run], self.machine, self._freed, self.values, self._late)
 
-    def late(self, delay: float, clocks: Sequence[str] = ()) -> RunMotion:
-        """The motion as it was `delay` s earlier, with its slopes in the parameters `clocks` that make up the delay."""
-        return RunMotion(self.run, self.machine, self._freed, self.values, delay, tuple(clocks))
+    def late(self, late: Late) -> RunMotion:
+        """The motion as an instrument sees it that is late."""
+        return RunMotion(self.run, self.machine, self._freed, self.values, late)
 
     def axis(self, name: str) -> AxisMotion:
         """The motion of one axis."""
@@ -223,14 +253,18 @@ class RunMotion:
         name = self._freed.get((axis.name, LAG))
         if name is None:
             return command
-        time, tau = self.run.time - self.run.time[0], self.values[name]
-        steps, moving = np.diff(time), self.run.options.get("start") == "moving"
+        factor, moving = self._instants if self._curved else 1, self.run.options.get("start") == "moving"
+        tau, interval = self.values[name], self.run.interval / factor
 
         def follow(column: Array) -> tuple[Array, Array]:
-            speed = float(column[1] - column[0]) / float(steps[0]) if moving else 0.0
-            rest = column - column[0] - speed * time
+            finer, first = self._finer(column, factor)
+            time, steps = interval * np.arange(len(finer)), np.full(len(finer) - 1, interval)
+            speed = float(finer[1] - finer[0]) / interval if moving else 0.0
+            rest = finer - finer[0] - speed * time
             lagged = first_order(rest, steps, tau)
-            return column - rest + lagged - tau * speed, first_order_slope(rest, lagged, steps, tau) - speed
+            position, slope = finer - rest + lagged - tau * speed, first_order_slope(rest, lagged, steps, tau) - speed
+            rows = first + factor * self.run.steps
+            return position[rows], slope[rows]
 
         position, late = follow(command.value)
         return Series(position, {n: follow(slope)[0] for n, slope in command.tangents.items()} | {name: late})
@@ -266,23 +300,24 @@ class RunMotion:
         if not self._late:
             return Series(column)
         time = self.run.time
-        at, moves = time - self.delay, np.ones(len(time))
+        at, moves = time - self._delay, np.ones(len(time))
         if self.run.options.get("start") != "moving":
             moves = ((at >= time[0]) & (at <= time[-1])).astype(float)
             at = np.clip(at, time[0], time[-1])
         if len(time) < 3:
             slope = np.ptp(column) / np.ptp(time) if len(time) > 1 else 0.0
-            return Series(np.interp(at, time, column), dict.fromkeys(self._clocks, -slope * moves))
+            return Series(np.interp(at, time, column), self._slopes(slope * moves))
         from scipy.interpolate import Akima1DInterpolator
 
         curve = Akima1DInterpolator(time, column, extrapolate=True)
-        return Series(np.asarray(curve(at)), dict.fromkeys(self._clocks, np.asarray(-curve(at, 1) * moves)))
+        return Series(np.asarray(curve(at)), self._slopes(np.asarray(curve(at, 1) * moves)))
 
     def _driven(self, axis: Axis, command: Array) -> AxisMotion:
-        factor = max(1, int(np.ceil(self.run.interval / LATE_S - 1e-9))) if self.delay or self._curved else 1
+        delay = self._delay
+        factor = self._instants if delay.any() or self._curved else 1
         response, names, first = self._response(axis, factor)
-        if self.delay:
-            place = np.asarray(first + factor * (self.run.steps - self.delay / self.run.interval))
+        if delay.any():
+            place = np.asarray(first + factor * (self.run.steps - delay / self.run.interval))
             motion, rates = _between(response, place, self.run.interval / factor)
             rate = rates[:, :, 0]
         else:
@@ -291,8 +326,13 @@ class RunMotion:
         parts = []
         for k in range(3):
             tangents = {n: motion[:, k, 1 + i] for i, n in enumerate(names)}
-            parts.append(Series(motion[:, k, 0], tangents | dict.fromkeys(self._clocks, -rate[:, k])))
+            parts.append(Series(motion[:, k, 0], tangents | self._slopes(rate[:, k])))
         return AxisMotion(Series(command), *parts)
+
+    @property
+    def _instants(self) -> int:
+        """How many instants of an interval tell how an axis moves between its rows."""
+        return max(1, int(np.ceil(self.run.interval / LATE_S - 1e-9)))
 
     @property
     def _curved(self) -> bool:
@@ -311,17 +351,21 @@ class RunMotion:
         wanted = {q: self._freed[axis.name, q] for q in GAINS if (axis.name, q) in self._freed}
         gains = {quantity: float(getattr(axis.drive, quantity)) for quantity in LOOP}
         gains |= {quantity: self.values[name] for quantity, name in wanted.items()}
-        if len(command) != self.run.steps[-1] + 1:
-            command = _whole(self.run.steps.tobytes(), np.ascontiguousarray(command).tobytes())
-        lead = self._lead(command)
-        command, first = np.concatenate([lead, command]), len(lead)
-        finer = command
-        if factor > 1:
-            at, rows = np.arange((len(command) - 1) * factor + 1) / factor, np.arange(len(command))
-            finer = _spline(rows, command, at) if self._curved else np.interp(at, rows, command)
+        finer, first = self._finer(command, factor)
         interval, order = self.run.interval / factor, tuple(sorted(gains.items()))
         response = _remembered(np.ascontiguousarray(finer).tobytes(), interval, order, tuple(wanted))
-        return response, tuple(wanted.values()), first * factor
+        return response, tuple(wanted.values()), first
+
+    def _finer(self, column: Array, factor: int) -> tuple[Array, int]:
+        """What is commanded at `factor` instants per interval, without gaps and with its lead, and the place of the first row."""
+        if len(column) != self.run.steps[-1] + 1:
+            column = _whole(self.run.steps.tobytes(), np.ascontiguousarray(column).tobytes())
+        lead = self._lead(column)
+        column, first = np.concatenate([lead, column]), len(lead)
+        if factor == 1:
+            return column, first
+        at, rows = np.arange((len(column) - 1) * factor + 1) / factor, np.arange(len(column))
+        return _spline(rows, column, at) if self._curved else np.interp(at, rows, column), first * factor
 
     def _lead(self, command: Array) -> Array:
         """What a programme commanded before the first row where the recording begins in motion (`start = "moving"`): its
