@@ -99,13 +99,21 @@ def test_a_run_without_indexing_turns_no_spindle(made: Plan) -> None:
 def test_what_dominates_is_named(known: dict[str, float], index: bool, name: str) -> None:
     options = {"points": 40, "setups": 1, "starts": 1, "anywhere": False, "prove": False}
     made = plan("table-bc", criterion="V", index=index, setup_sigma=SetupSigma(**known), **options)
-    (said,) = (note for note in made.notes if note.startswith("more poses hardly help: V is "))
+    (said,) = (note for note in made.notes if note.startswith("more poses in these set-ups hardly help: V is "))
     assert f"; {name} dominates, and exactly known leaves" in said
 
 
 def test_nothing_dominates_where_poses_help() -> None:
     made = plan(location_only("table-bc"), points=8, setups=1, starts=1, anywhere=False, prove=False)
-    assert not [note for note in made.notes if "more poses hardly help" in note]
+    assert not [note for note in made.notes if "hardly help" in note]
+
+
+def test_nothing_dominates_where_readings_are_fewer_than_unknowns() -> None:
+    """40 poses leave 0.54 of the priors' 1σ and so do four readings of each, but 48 poses leave 0.43."""
+    options = {"instrument": "ball_bar", "criterion": "A", "setups": 1, "starts": 1, "anywhere": False, "prove": False}
+    few, more = (plan("oyama-2010", points=points, **options) for points in (12, 24))
+    assert few.assessment.value > more.assessment.value + 0.1
+    assert not [note for made in (few, more) for note in made.notes if "hardly help" in note]
 
 
 def test_what_cannot_be_indexed_is_said() -> None:

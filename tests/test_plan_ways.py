@@ -13,6 +13,9 @@ from scipy.spatial import cKDTree
 
 from symfive.campaign import Run
 from symfive.design import Plan, plan
+from symfive.design._candidates import pose_grid  # whole plans take seconds
+from symfive.design._reach import Reach  # as above
+from symfive.design._space import make_space  # as above
 from symfive.errors import InputError
 from symfive.machine import Machine, preset
 from symfive.moves import Clearances, Moves, Rod, Ways, apart, blocked_moves, cleared, least_elevation
@@ -81,6 +84,24 @@ def test_poses_without_a_way_out_are_replaced_or_the_plan_is_refused() -> None:
     with pytest.raises(InputError) as refused:
         plan(replace(flat, workspace=replace(flat.workspace, ball_height=(40.0, 100.0))), points=4, setups=1, starts=1)
     assert "\n" not in str(refused.value) and "no pose" in str(refused.value)
+
+
+def test_no_set_up_is_offered_over_which_the_tool_cannot_go_home() -> None:
+    """With Z so short a long tool at its top reaches below a high ball in the middle: every way out of that nest ends in it."""
+    head = location_only("head-bc")
+    short = _with_travel(head, "Z", -100.0, 260.0)
+    over, beside = np.array([0.1, 0.0, 1.5, 1.8]), np.array([1.5, 0.0, 1.5, 1.8])
+    for machine, offered in ((head, True), (short, False)):
+        space = make_space(machine, "ball_bar")
+        grid = pose_grid(space, 300)
+        for setup, fits in ((over, offered), (beside, True)):
+            z = np.concatenate([grid, np.tile(setup, (len(grid), 1))], axis=1)
+            k = np.full((len(z), 1), 150.0)
+            assert space.feasible(z, k).any() == fits
+            tall = make_space(head, "ball_bar")
+            z = z[tall.feasible(z, k) & (space.commands(z, k)["Z"] < 200.0)][:8]
+            blocked = Reach(space).in_the_way(z, k[: len(z)])
+            assert len(z) == 8 and all(blocked) != fits
 
 
 def test_a_blocked_rapid_is_blamed_on_the_row_it_leads_to() -> None:

@@ -116,7 +116,7 @@ def check(path: Path, as_json: bool, quiet: bool) -> None:
     multiple=True,
     help="Fewest poses (at most --points) until NAME=1σ is expected, as EX0C=2um; may be repeated.",
 )
-@click.option("--minutes", type=POSITIVE, help="Time budget in minutes, set-up included.")
+@click.option("--minutes", type=POSITIVE, help="Time budget in minutes, set-up included, for at most --points poses.")
 @click.option("--per-minute", is_flag=True, help="The poses with most information per minute.")
 @click.option("--setups", type=COUNT, help="Most positions of nest or balls; of all instruments together.")
 @click.option("--bar", "bars", type=POSITIVE, multiple=True, help="Length in mm of a bar you own; may be repeated.")

@@ -92,6 +92,7 @@ def _no_pose(space: Space, z: Array, k: Array) -> InputError:
         "spindle nose and post": "raise ball_height in [workspace] or use a slimmer spindle_nose",
         "tool and post": "raise ball_height in [workspace] or add a longer bar to bar_lengths",
         "tool ball and table": "raise ball_height in [workspace]",
+        "tool over": "use a shorter tool, lower balls, or more travel of the upright axis",
         "touch and post": "use a larger sphere or a slimmer post (sphere_radius, post_radius in [workspace])",
     }
     remedy = next(text for key, text in remedies.items() if worst.startswith(key))

@@ -96,6 +96,15 @@ class Shared:
         rest = [m for m in self.mountings if m.kind != BAR]
         return Mixes(self.task, [*rest, *with_circles(bars, self.circles), *more], minutes, self.pace, self.most)
 
+    def value(self, expected: Assessment) -> float:
+        """ψ of what is expected of a campaign."""
+        first = next(iter(self.spaces.values()))
+        index = {p.name: i for i, p in enumerate(expected.parameters)}
+        place = [index[p.name] for p in first.shared]
+        sigma = np.array([p.sigma for p in first.shared])
+        S = expected.covariance[np.ix_(place, place)] / np.outer(sigma, sigma)
+        return self.task.criterion.value(self.task.of_interest(S))
+
 
 def shared_minutes(
     machine: Machine, instruments: Sequence[str] = INSTRUMENTS, *, criterion: str = "A", for_: Iterable[str] = (),
@@ -175,13 +184,7 @@ def merged(campaigns: Sequence[Campaign]) -> Campaign:
 
 def certified(shared: Shared, expected: Assessment, campaign: Campaign, minutes: float) -> JointCertificate:
     """The certificate of a campaign of which so much is `expected`, its own mountings and poses among the candidates."""
-    first = next(iter(shared.spaces.values()))
-    own = len(shared.task.own_sigma)
-    index = {p.name: i for i, p in enumerate(expected.parameters)}
-    place = [index[p.name] for p in first.shared]
-    sigma = np.array([p.sigma for p in first.shared])
-    S = expected.covariance[np.ix_(place, place)] / np.outer(sigma, sigma)
-    value = shared.task.criterion.value(shared.task.of_interest(S))
+    own, value = len(shared.task.own_sigma), shared.value(expected)
     mixes = shared.joint(minutes, [mounting_of(shared.spaces[run.instrument[0]], own, run) for run in campaign.runs])
     bound, candidates = mixes.lowest(), sum(len(m.rows) for m in mixes.mountings)
     best = min(mix.value for mix in shared.alone(minutes).single().values())

@@ -152,8 +152,11 @@ GROUPS = {error.name: error for error in SETUP_ERRORS}
 
 
 def what_dominates(space: Space, task: Task, rows: Rows) -> list[str]:
-    """One sentence where the criterion hardly moves with the number of poses; nothing where it does."""
+    """One sentence where the criterion hardly moves with the number of poses; nothing where it does, nor where there are fewer
+    readings than unknowns: further poses then determine what repeated ones do not."""
     prior = task.prior_information(rows.groups)
+    if len(rows.z) * (1 if space.instrument == "ball_bar" else 3) < len(prior):
+        return []
     read = information_of(space, task, rows) - prior
     now = task.value(prior + read)
     more = task.value(prior + MORE * read)
@@ -172,8 +175,9 @@ def what_dominates(space: Space, task: Task, rows: Rows) -> list[str]:
         else "no reading of this plan separates it from the set-up; another instrument may"
     )
     return [
-        f"more poses hardly help: {task.criterion.name} is {_size(task, now)}, with {MORE:g} times as many {_size(task, more)}; "
-        f"{name}{sigma.get(name, '')} dominates, and exactly known leaves {_size(task, known[name])}: {remedy}"
+        f"more poses in these set-ups hardly help: {task.criterion.name} is {_size(task, now)}, with {MORE:g} times as many "
+        f"{_size(task, more)}; {name}{sigma.get(name, '')} dominates, and exactly known leaves {_size(task, known[name])}: "
+        f"{remedy}"
     ]
 
 

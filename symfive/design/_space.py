@@ -38,11 +38,13 @@ from symfive.moves import (
     least_upright,
     nose_may_reach_post,
     nose_over_table,
+    out_of_nest_clearance,
     post_clearance,
 )
-from symfive.nc import touch_reach
+from symfive.nc import at_the_top, touch_reach
 from symfive.optimal import Kernel
 from symfive.parameters import Parameter
+from symfive.procedures import home
 
 SETUP_VARIABLES = ("table_ball.radius", "table_ball.angle", "table_ball.height", "tool.length")
 UNIT_MM = 100.0
@@ -165,7 +167,7 @@ def make_space(
     z, k = ca.SX.sym("z", len(names)), ca.SX.sym("k", 1)
     geometry = _geometry(machine, rotary, instrument, z, k)
     rows, shared, own, own_sigma = _rows(machine, instrument, geometry, noise_um, sigma, options or {})
-    limits, limit_names = _limits(machine, instrument, geometry, k)
+    limits, limit_names = _limits(machine, instrument, geometry, k, UNIT_MM * upper[-2:])
     centre, *_ = _rows(machine, "r_test", geometry, 1.0, sigma, {})
     scale = [1.0 / machine.axes[name].to_internal for name in machine.axis_names]
     commands = ca.vertcat(*(s * geometry.position[name] for s, name in zip(scale, machine.axis_names, strict=True)))
@@ -319,8 +321,11 @@ def _around_sphere(machine: Machine, geometry: _Geometry) -> dict[str, Any]:
     return {name: touch_reach(machine) * ca.norm_2(ca.jacobian(moved[name], place)) for name in linear}
 
 
-def _limits(machine: Machine, instrument: str, geometry: _Geometry, k: Any) -> tuple[Any, tuple[str, ...]]:
-    """What must be ≥ 0, in units of 100 mm (the bar's angle: its cosine), and what each means."""
+def _limits(
+    machine: Machine, instrument: str, geometry: _Geometry, k: Any, most: Array
+) -> tuple[Any, tuple[str, ...]]:  # fmt: skip
+    """What must be ≥ 0, in units of 100 mm (the bar's angle: its cosine), and what each means; `most` mm of ball height and tool
+    length (2,)."""
     limits, names = [], []
     margins = _around_sphere(machine, geometry) if instrument == "touch_probe" else {}
     for name in machine.axis_names:
@@ -358,4 +363,29 @@ def _limits(machine: Machine, instrument: str, geometry: _Geometry, k: Any) -> t
     if instrument == "ball_bar":
         limits.append((geometry.place[2] - BALL_RADIUS - workspace.clearance) / UNIT_MM)
         names.append("tool ball and table")
+    gap, least = _out_of_nest(machine, geometry, instrument == "touch_probe", most)
+    if least < 0.0:
+        limits.append(gap / UNIT_MM)
+        names.append("tool over the workpiece's origin and table ball")
     return ca.vertcat(*limits), tuple(names)
+
+
+def _out_of_nest(machine: Machine, geometry: _Geometry, probe: bool, most: Array) -> tuple[Any, float]:
+    """Clearance (mm) of the tool where every way out of the nest leads: the upright axis at its top, all others at home; and at
+    least how large it is with a height of the ball and a tool length of at most so many (2,) mm: above all balls it has no part
+    lower than its own ball where it stands upright."""
+    end = at_the_top(machine, {name: home(axis) for name, axis in machine.axes.items()})
+    position = {name: ca.SX(machine.axes[name].to_internal * value) for name, value in end.items()}
+    workpiece, spindle = chain_poses(machine, position, {}, {})
+    axis = workpiece.rotation.T @ spindle.rotation[:, 2]
+    workspace = machine.workspace
+
+    def gap(table_ball: Any, tool_ball: Any) -> Any:
+        place = ball_in_workpiece(machine, position, tool_ball)
+        return out_of_nest_clearance(workspace, table_ball, place, axis, probe)
+
+    (height, tool), least = most, -math.inf
+    place = ca.evalf(ball_in_workpiece(machine, position, ca.DM([0.0, 0.0, -tool])))
+    if float(ca.evalf(axis)[2]) > 1.0 - SAME_VOLUME and float(place[2]) > height:
+        least = float(ca.evalf(gap(ca.vertcat(place[0], place[1], height), ca.DM([0.0, 0.0, -tool]))))
+    return gap(geometry.table_ball, geometry.tool_ball), least

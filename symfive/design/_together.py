@@ -1,13 +1,14 @@
 """Several instruments in one plan: how often each is mounted in the given minutes, and what each then reads.
 
-Relaxed designs (`_minutes`) divide the minutes; several instruments are used where that gains more than these are exact to. Each
-instrument's plan is made to complement those before it, and the first one once more when the others are known.
+Relaxed designs (`_minutes`) divide the minutes. Where several instruments gain more than these are exact to, the plan of each is
+made to complement those before it, and the first one once more when the others are known. The plan of the best single instrument
+competes with that: whole poses may reach less than weights promise.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -154,34 +155,43 @@ def plan_together(
         problem = f"{minutes:g} minutes are too short for one set-up ({SETUP_S / 60.0:g} min) and two poses"
         raise InputError(problem, remedy="give more minutes")
 
-    def planned(kind: str, others: Sequence[Plan]) -> Plan:
-        count, share, poses = shares[kind]
-        before = [*([] if earlier is None else [earlier]), *(part.campaign for part in others)]
+    before = [] if earlier is None else [earlier]
+
+    def planned(kind: str, share: tuple[int, float, int], others: Sequence[Plan]) -> Plan:
+        known = [*before, *(part.campaign for part in others)]
         return plan(
-            machine, instrument=kind, criterion=criterion, for_=wanted, minutes=min(share, minutes), setups=count,
-            points=min(max(2, poses), MOST["points"]), given=merged(before) if before else None, noise_um=noise_um,
+            machine, instrument=kind, criterion=criterion, for_=wanted, minutes=min(share[1], minutes), setups=share[0],
+            points=min(max(2, share[2]), MOST["points"]), given=merged(known) if known else None, noise_um=noise_um,
             setup_sigma=setup_sigma, returns=returns, starts=starts, seed=seed, pool=pool, anywhere=False, prove=False,
             progress=lambda message: progress(f"{_words(kind)}: {message}"),
         )  # fmt: skip
 
+    def value(parts: Sequence[Plan]) -> float:
+        return shared.value(assess(merged([part.campaign for part in parts]), given=earlier))
+
+    def made(mix: Mix) -> Iterator[list[Plan]]:
+        parts, shares = list[Plan](), _shares(mix, mixes.enough(mix), shared.pace)
+        for kind, share in shares.items():
+            parts.append(planned(kind, share, parts))
+        yield parts
+        if len(parts) > 1:
+            kind, share = next(iter(shares.items()))
+            yield [planned(kind, share, parts[1:]), *parts[1:]]
+
     single, mix = min(mixes.single().values(), key=lambda each: each.value), mixes.best()
-    chosen = mix if mix.value < single.value - GAP else single
-    shares = _shares(chosen, mixes.enough(chosen), shared.pace)
-    parts = list[Plan]()
-    for kind in shares:
-        parts.append(planned(kind, parts))
-    if len(parts) > 1:
-        parts[0] = planned(parts[0].instrument, parts[1:])
+    chosen = [single, mix] if mix.value < single.value - GAP else [single]
+    parts = min((parts for each in chosen for parts in made(each)), key=value)
     campaign = merged([part.campaign for part in parts])
     expected, certificate = assess(campaign, given=earlier), None
     if certify:
         progress("computing the certificate")
         certificate = certified(shared, expected, campaign, sum(part.minutes for part in parts))
+    why = f"in these minutes it lowers the variance by less than {100 * GAP:g} %"
+    if len(chosen) > 1 and len(parts) == 1:
+        why = "no plan that was found with it is better in these minutes"
     left_out = [f"{_words(name)} not used: {reason}" for name, reason in shared.refused.items()]
     left_out += [
-        f"{_words(name)} not used: in these minutes it lowers the variance by less than {100 * GAP:g} %"
-        for name in shared.spaces
-        if name not in shares
+        f"{_words(name)} not used: {why}" for name in shared.spaces if name not in {part.instrument for part in parts}
     ]
     return JointPlan(tuple(parts), certificate, expected, tuple(left_out))
 

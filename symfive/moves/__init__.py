@@ -12,6 +12,7 @@ from symfive.moves._bodies import (
     least_upright,
     nose_may_reach_post,
     nose_over_table,
+    out_of_nest_clearance,
     post_clearance,
 )
 from symfive.moves._clearances import Clearances
@@ -23,5 +24,6 @@ from symfive.moves._ways import REMEDY, Tested, Ways, cleared
 __all__ = [
     "BALL_RADIUS", "NOSE_LENGTH", "REMEDY", "Clearances", "Moves", "Rod", "Tested", "Ways", "angle_clearance", "apart",
     "blocked_moves", "cleared", "kept_apart", "least_elevation", "least_upright", "move_times", "nose_may_reach_post",
-    "nose_over_table", "out_and_back", "post_clearance", "round_trip", "there_and_back",
+    "nose_over_table", "out_and_back", "out_of_nest_clearance",
+    "post_clearance", "round_trip", "there_and_back",
 ]  # fmt: skip

@@ -30,6 +30,9 @@ TABLE_EDGE = 50.0
 POST_TOP = 15.0
 POST_POINTS = 17
 BALL_RADIUS = 6.35
+KEPT_OFF, RAPID_MM = 15.0, 5.0
+"""What the tool ball keeps off the nest and all bodies, a probe's tip and sphere among them, off each other on rapid moves, mm:
+the operator's tool is a little longer or shorter than planned."""
 LEAST_ELEVATION = -45.0
 """Degree: a bar may lean below the table ball this far before it meets the cup (ISO 230-4 magnetic cups)."""
 SMOOTH = 1e-6
@@ -92,17 +95,34 @@ def post_clearance(workspace: Workspace, table_ball: Any, place: Any, axis: Any)
     return nearest
 
 
+def kept_off_nest(workspace: Workspace, probe: bool) -> float:
+    """mm that the tool ball keeps off the nest, or a probe's tip off the centre of its sphere, on ways out of it."""
+    return workspace.sphere_radius + workspace.tip_radius + RAPID_MM if probe else KEPT_OFF
+
+
+def out_of_nest_clearance(workspace: Workspace, table_ball: Any, place: Any, axis: Any, probe: bool) -> Any:
+    """What tool ball, tool and nose are further off table ball and post than they must be out of the nest."""
+    thick = max(workspace.sphere_radius if probe else BALL_RADIUS, workspace.post_radius or 0.0)
+    gap = _of_tool_and_nose(workspace, table_ball - place, axis) - thick - RAPID_MM
+    return ca.fmin(gap, ca.norm_2(table_ball - place) - kept_off_nest(workspace, probe))
+
+
 def _at_post(workspace: Workspace, table_ball: Any, place: Any, axis: Any, share: Any) -> Any:
     """Distance of tool and nose from the post at one point of its axis, `share` of the way down."""
-    radius, above = _nose(workspace)
-    tool, post = workspace.tool_radius or 0.0, workspace.post_radius or 0.0
+    post = workspace.post_radius or 0.0
     height = (1.0 - share) * ca.fmax(table_ball[2] - POST_TOP - post, 0.0)
-    offset = ca.vertcat(table_ball[0], table_ball[1], height) - place
+    return _of_tool_and_nose(workspace, ca.vertcat(table_ball[0], table_ball[1], height) - place, axis) - post
+
+
+def _of_tool_and_nose(workspace: Workspace, offset: Any, axis: Any) -> Any:
+    """Distance of tool and nose from a point at an `offset` from the tool ball."""
+    radius, above = _nose(workspace)
+    tool = workspace.tool_radius or 0.0
     along = ca.dot(offset, axis)
     away = ca.sqrt(ca.sumsqr(offset - along * axis) + SMOOTH)
     nose = _outside(away - radius, ca.fabs(along - above - NOSE_LENGTH / 2.0) - NOSE_LENGTH / 2.0)
     stem = _outside(away - tool, ca.fabs(along - above / 2.0) - above / 2.0)
-    return ca.fmin(nose, stem) - post
+    return ca.fmin(nose, stem)
 
 
 def _outside(a: Any, b: Any) -> Any:

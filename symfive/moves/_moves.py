@@ -15,6 +15,7 @@ import numpy as np
 from symfive.arrays import Array, Flags, Indices
 from symfive.campaign import Run
 from symfive.machine import Machine
+from symfive.moves._bodies import RAPID_MM, kept_off_nest
 from symfive.moves._clearances import NEAR, ON_THE_BAR, Clearances
 from symfive.nc import Positions, Step
 
@@ -22,9 +23,6 @@ LINEAR_MM, ROTARY_DEG = 4.0, 1.0
 """A move is looked at at least so densely."""
 FINE_MM = 0.25
 """What moves so little between two positions is not looked at in between: a clearance is known to half of it."""
-KEPT_OFF, RAPID_MM = 15.0, 5.0
-"""What the tool ball keeps off the nest and all bodies, a probe's tip and sphere among them, off each other on rapid moves, mm:
-the operator's tool is a little longer or shorter than planned."""
 ROUNDING_MM = 1e-3
 AT_ONCE = 8192
 """Positions at which distances are sought at once: what that needs in memory stays small."""
@@ -43,8 +41,7 @@ class Moves:
     def __init__(self, machine: Machine, run: Run) -> None:
         self.machine, self.clearances = machine, Clearances(machine, run)
         self.nest = np.asarray(run.table_ball)
-        touching = machine.workspace.sphere_radius + machine.workspace.tip_radius
-        self.kept_off = touching + RAPID_MM if self.clearances.probe else KEPT_OFF
+        self.kept_off = kept_off_nest(machine.workspace, self.clearances.probe)
         self.names = (*self.clearances.names, "tool ball and nest")
         clearance = machine.workspace.clearance
         self.kept, self.kept_on_rapids = (
