@@ -91,6 +91,19 @@ def test_what_a_law_is_off_by_is_fitted_and_said_with_it() -> None:
     assert effect in finding.effects  # what is corrected together
 
 
+def test_a_laser_that_is_pushed_within_a_cycle_is_a_shift_of_the_set_up() -> None:
+    """3 µm towards the reflector before the 41st reading of the third cycle, and a play of 2 µm."""
+    rng, there = np.random.default_rng(4), np.repeat([-1.0, 1.0], len(TARGETS))
+    cycles = [there + NOISE_UM * rng.standard_normal(len(there)) for _ in range(5)]
+    cycles[2][40:] -= 3.0
+    found = {finding.name: finding for finding in diagnose(campaign(cycles)).findings}
+    assert set(found) == {"setup_shift", "backlash"} and found["setup_shift"].parameters["run"].value == "cycle-3"
+    shift, width = found["setup_shift"].parameters["shift"], found["backlash"].parameters["width"]
+    assert isinstance(shift.value, tuple) and isinstance(shift.std, tuple)
+    assert shift.value[0] == pytest.approx(3.0, abs=3.0 * shift.std[0]) and shift.std[0] < 0.3
+    assert abs(width.value) == pytest.approx(2.0, abs=3.0 * width.std)
+
+
 def test_a_bow_is_no_periodic_error() -> None:
     """What is seen once does not come back: a bend and a hump along X were a period of the whole travel with 96 %."""
     rng, way = np.random.default_rng(3), np.concatenate([TARGETS, TARGETS[::-1]])
