@@ -24,9 +24,10 @@ large 1σ each, while their sum is known."""
 FIRST_DAMPING, LEAST_DAMPING = 1e-3, 1e-7
 """Of the diagonal. Where readings are far finer than priors, a curved valley that priors alone lead along is as much flatter
 than its walls: a step with less damping than the least is not held back along it."""
-PATIENCE, STALLED = 8, 1.0
-"""Where this many steps together lower -2 log posterior by less than this, the rest of the way is not worth it: readings that
-stick and slip, or a play that is hardly seen, have a cost with kinks, in which every step is cut short."""
+PATIENCE, STALLED, STILL = 8, 1.0, 0.01
+"""Where this many steps together lower -2 log posterior by less than the second, the rest of the way is not worth it: readings
+that stick and slip, or a play that is hardly seen, have a cost with kinks, in which every step is cut short. Where they lower
+it by less than the last, a tenth of 1σ of any parameter, the fit has converged."""
 COST_TOLERANCE = 1e-4
 """Or when -2 log posterior falls by no more than this, in a whole step or in so many shortened ones: it says nothing about any
 parameter."""
@@ -79,10 +80,9 @@ def gauss_newton(problem: Problem, values: Array, tolerance: float, steps: int =
         pulled = float(np.sum((departure**2 * precision)[free]))
         total = np.inf if information is None else information.square + pulled
         history.append(min(total, last))
-        if damping > 0.0 and len(history) > PATIENCE and history[-1 - PATIENCE] - history[-1] < STALLED:
-            return best, history[-1 - PATIENCE] - history[
-                -1
-            ] < COST_TOLERANCE  # no lower in steps of any length: a kink
+        gained = history[-1 - PATIENCE] - history[-1] if len(history) > PATIENCE else np.inf
+        if damping > 0.0 and gained < STALLED:
+            return best, bool(gained < STILL)  # no lower in steps of any length: a kink
         accepted = np.isfinite(total) and total <= last * (1 + 1e-12) + 1e-9
         if information is not None:
             here, pull = information.matrix + np.diag(precision), information.gradient - departure * precision
