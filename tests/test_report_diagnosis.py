@@ -20,14 +20,17 @@ from symfive.diagnose import (
     RivalName,
     Suspect,
     detect,
+    diagnose,
     facts_of,
     sentence_of,
 )  # fmt: skip
 from symfive.effects import Quantity, make_effect
 from symfive.errors import InputError
 from symfive.identify import Outlier, identify
+from symfive.machine import preset
 from symfive.model import Model
 from symfive.numbers import change, in_words, percent, power_of_ten
+from symfive.procedures import campaign_of, planar_circle
 from symfive.report import (
     _diagnosis,
     _report,
@@ -39,6 +42,7 @@ from symfive.report import (
 )
 from symfive.report._chain import affected_link, chain_picture  # stages that no fixture finds
 from symfive.report._evidence import gap_table  # lost rows
+from symfive.simulate import simulate
 
 CAMPAIGNS = Path(__file__).parent / "data" / "campaigns"
 
@@ -395,3 +399,14 @@ def test_identification_report_draws_each_figure_once(found, tmp_path, monkeypat
     assert sorted(p.name for p in (tmp_path / "figures").iterdir()) == ["residual-spectrum.png"]
     saved = save_figures(found.after, tmp_path / "figures")
     assert [p.stem for p in saved] == list(wanted)
+
+
+def test_geometry_that_the_machine_file_leaves_free_is_said_without_a_fault() -> None:
+    """80 µm/m of squareness are no fault to look for, and what a ball bar is asked for."""
+    machine = preset("three-axis")
+    kept = {"EC0X": machine.errors["EC0X"]}
+    plan = campaign_of(replace(machine, errors=kept), planar_circle(machine, feed=1000.0, rate_hz=10.0))
+    found = diagnose(simulate(plan, truth={"EC0X": 80.0}, seed=2).campaign)
+    text = " ".join(diagnosis_text(found).split())
+    assert not found.findings and re.search(r"Geometry identified beyond 2σ: EC0X (79|80)\.\d+ ± 0\.\d+ µrad", text)
+    assert re.search(r"On the circles \(ISO 230-1, k = 2\): squareness Y to X = -?−?(79|80)\.\d+ µm/m", text)

@@ -19,7 +19,7 @@ from symfive.diagnose._words import facts_of
 from symfive.effects import Effect, Quantity, coordinate_words, effect_words
 from symfive.identify import UNCONVERGED, Identification, relief_notes
 from symfive.inference import Outlier
-from symfive.numbers import change, expected_ratio, in_words, percent, plain_number
+from symfive.numbers import change, expected_ratio, in_words, percent, plain_number, with_std
 from symfive.screen import OnScreen, listed, wrapped
 
 __all__ = [
@@ -29,6 +29,8 @@ __all__ = [
 SCHEMA = "symfive.diagnosis/1"
 EXPLAINED = 1.1
 """Residuals up to so many times the declared noise count as explained."""
+SHOWN_ERRORS = 5
+"""Errors of the machine file that are listed beside the findings, at most."""
 SHOWN_SHARE = 0.01
 """Geometry and set-up that explain less, beside the findings, are not mentioned."""
 
@@ -310,6 +312,20 @@ class Diagnosis(OnScreen):
         return (f"Excluded outliers: {numbers} readings; without them rms {kept} {self.after.unit}.",)
 
     @property
+    def geometry(self) -> tuple[str, ...]:
+        """The errors of the machine file that lie beyond 2σ, the clearest first, in a sentence; none where none does."""
+        fit = self.after
+        beyond = {p.name: abs(fit[p.name] - p.mean) / max(fit.uncertainty(p.name), 1e-300)
+                  for p in fit.parameters if p.kind in ("location_error", "error_motion")}  # fmt: skip
+        names = sorted((name for name in beyond if beyond[name] > 2.0), key=lambda name: -beyond[name])
+        if not names:
+            return ()
+        units = {p.name: p.unit for p in fit.parameters}
+        said = [f"{name} {with_std(fit[name], fit.uncertainty(name), units[name])}" for name in names[:SHOWN_ERRORS]]
+        more = f" and {len(names) - len(said)} more (symfive identify)" if len(names) > len(said) else ""
+        return (f"Geometry identified beyond 2σ: {', '.join(said)}{more}.",)
+
+    @property
     def proof(self) -> tuple[str, ...]:
         """What was withdrawn, and before → after of all readings, the fitted and the held-out ones; none where none were."""
         parts = (part for part in (self.searched, self.hold_out) if part is not None)
@@ -348,7 +364,7 @@ class Diagnosis(OnScreen):
         noise = plain_number(self.noise_um, unit)
         which = "all readings" if self.hold_out is None else "fitted readings"
         lines = [f"rms {change(fit.rms_before_um, fit.rms_after_um, unit)} {unit} ({which}), noise {noise} {unit}"]
-        lines += [line for said in self.excluded for line in wrapped("", said)]
+        lines += [line for said in (*self.excluded, *self.geometry) for line in wrapped("", said)]
         if self.geometry_share > SHOWN_SHARE:
             lines.append(
                 f"explained by geometry and set-up (refitted): {percent(self.geometry_share)} of the deviation's mean square"

@@ -7,6 +7,7 @@ from symfive.effects import effect_words, form_words
 from symfive.identify import wiring_doubts
 from symfive.runs import MOUNTED
 from symfive.screen import wrapped
+from symfive.standards import standard_values
 
 FAINT_SIGMAS = 5.0
 """σ below which an effect of usual size would hardly be found."""
@@ -49,7 +50,16 @@ def _next_step(diagnosis: Diagnosis) -> str:
 
 def diagnosis_text(diagnosis: Diagnosis) -> str:
     """What `symfive diagnose` prints: the diagnosis, what this test cannot detect, the next step."""
-    return "\n".join([str(diagnosis), *wrapped("", _sight(diagnosis)), "", *wrapped("", closing(diagnosis))])
+    seen = [line for said in (*_squareness(diagnosis), _sight(diagnosis)) for line in wrapped("", said)]
+    return "\n".join([str(diagnosis), *seen, "", *wrapped("", closing(diagnosis))])
+
+
+def _squareness(diagnosis: Diagnosis) -> tuple[str, ...]:
+    """What the circles themselves read of squareness, beyond U, in a sentence: of the whole travel it may be known less."""
+    values = [v for v in standard_values(diagnosis.after.model.campaign) if v.what == "(circle)" and abs(v.value) > v.u]
+    best = {v.name: v for v in sorted(values, key=lambda v: -v.u)}
+    said = "; ".join(value.words.replace(" (circle)", "") for value in best.values())
+    return (f"On the circles (ISO 230-1, k = 2): {said}.",) if said else ()
 
 
 def _sight(diagnosis: Diagnosis) -> str:
