@@ -18,9 +18,9 @@ from symfive.posterior._scale import settled, solved
 
 __all__ = ["WIDTHS", "Sweep", "log_width", "nearest_width", "widths_of"]
 
-WIDTHS = (0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
+WIDTHS = (1.0, 3.0, 10.0, 30.0, 100.0)
 """Prior widths of amplitudes in units of the usual one, half a decade apart: nothing is capped by what machine tools usually
-have, and a small size speaks for no name only because what is usual of that name is smaller."""
+have."""
 CHUNK = 1 << 17
 """Numbers of a table at a time: what is at work stays in the processor's cache."""
 
@@ -37,7 +37,7 @@ def widths_of(moments: Moments, number: int) -> tuple[float, ...]:
     """Prior widths to try for a term: only the usual one if it departs from a value that the machine file states, or varies
     another effect: neither has a size of its own."""
     term = moments.terms[number]
-    return (1.0,) if term.effect.departs or term.needs else WIDTHS
+    return WIDTHS[:1] if term.effect.departs or term.needs else WIDTHS
 
 
 def nearest_width(size: float, widths: Sequence[float] = WIDTHS) -> float:
@@ -82,18 +82,17 @@ class Sweep:
         scale = np.concatenate([np.where(own.amplitude, width, 1.0) for width in WIDTHS])
         each, x = pairs.some(np.tile(np.arange(terms), len(WIDTHS))).weighed(scale, self.moments.count)
         gains = each.reshape(-1, terms) + [[log_width(width, WIDTHS)] for width in WIDTHS]
-        usual = x[WIDTHS.index(1.0) * terms :]
-        tried = [self._tried(t, usual[k, own.amplitude[k]]) for k, t in enumerate(own.numbers)]
+        tried = [self._tried(t, x[k, own.amplitude[k]]) for k, t in enumerate(own.numbers)]
         gains[[[width not in each for each in tried] for width in WIDTHS]] = -np.inf
         return np.asarray(np.array(WIDTHS)[np.argmax(gains, axis=0)])
 
-    def _tried(self, number: int, usual: Array) -> tuple[float, ...]:
-        """The widths to try for a term, of which the usual one leaves amplitudes of such a size. Slopes of which the readings are
+    def _tried(self, number: int, narrow: Array) -> tuple[float, ...]:
+        """The widths to try for a term, of which the narrowest leaves amplitudes of such a size. Slopes of which the readings are
         not proportional to the amplitudes say nothing of sizes far from theirs."""
         widths = widths_of(self.moments, number)
         if self.moments.proportional[number]:
             return widths
-        return (nearest_width(float(np.sqrt(np.mean(usual**2))) if usual.size else 0.0, widths),)
+        return (nearest_width(float(np.sqrt(np.mean(narrow**2))) if narrow.size else 0.0, widths),)
 
     def _alike(self, chosen: Sequence[int]) -> Iterator[tuple[list[int], Alike]]:
         """The `chosen` terms of as many columns together, and where they stand there."""
