@@ -11,7 +11,7 @@ from typing import Any
 from symfive.campaign import Campaign, Run, campaign_problems
 from symfive.errors import InputError
 from symfive.machine import Machine, error_names, machine_problems, unknown_keys
-from symfive.screen import OnScreen
+from symfive.screen import OnScreen, plural
 from symfive.toml_files import read_toml
 
 __all__ = ["SCHEMA", "Check", "check"]
@@ -57,11 +57,12 @@ class Check(OnScreen):
         lines = str(self.machine).split("\n") if self.machine is not None else []
         lines += [str(run) for run in self.runs]
         lines += [f"note: {note}" for note in self.notes]
-        count, noted = len(self.problems), len(self.notes)
-        rest = (
-            f"no error in the files; look at the note{'s' if noted > 1 else ''} above" if noted else "no problem found"
-        )
-        lines.append(f"{count} problem{'s' if count > 1 else ''}:" if count else rest)
+        if self.problems:
+            lines.append(f"{plural(len(self.problems), 'problem')}:")
+        elif self.notes:
+            lines.append(f"no error in the files; look at the note{'s' if len(self.notes) > 1 else ''} above")
+        else:
+            lines.append("no problem found")
         lines += [f"  {problem}" for problem in self.problems]
         if self.machine is not None and any(_concerns_errors(problem) for problem in self.problems):
             lines += ["a ready block for this structure (prior 1σ in µm and µrad):", "", "[errors]"]

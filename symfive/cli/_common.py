@@ -209,10 +209,10 @@ def written(campaign: Campaign, output: Path, quiet: bool, more: str = "") -> No
     """What a folder holds now, and what of it is hardly meant, on standard error."""
     if not quiet:
         from symfive.plausible import doubts
+        from symfive.screen import plural
 
         noted(doubts(campaign), quiet)
-        count = len(campaign.runs)
-        click.echo(f"{campaign.rows} rows of {count} run{'s' * (count > 1)} in {output}{more}", err=True)
+        click.echo(f"{campaign.rows} rows of {plural(len(campaign.runs), 'run')} in {output}{more}", err=True)
 
 
 def tell(data: dict[str, Any], text: str, as_json: bool) -> None:

@@ -27,13 +27,18 @@ MOST = 10
 
 
 @dataclass(frozen=True, kw_only=True)
-class _ToolShift(Effect):
-    """The tool moved by a constant in the machine frame: its tangent says how readings answer to the structure."""
-
-    id: ClassVar[str] = "probe_tool"
+class _Shift(Effect):
+    """A constant shift by three components."""
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         return tuple(self.own(c, "um", 1.0) for c in "xyz")
+
+
+@dataclass(frozen=True, kw_only=True)
+class _ToolShift(_Shift):
+    """The tool moved by a constant in the machine frame: its tangent says how readings answer to the structure."""
+
+    id: ClassVar[str] = "probe_tool"
 
     def apply(self, row: Row) -> None:
         for i, c in enumerate("xyz"):
@@ -41,13 +46,10 @@ class _ToolShift(Effect):
 
 
 @dataclass(frozen=True, kw_only=True)
-class _BallShift(Effect):
+class _BallShift(_Shift):
     """The table's ball, or what stands there, moved by a constant in the workpiece frame."""
 
     id: ClassVar[str] = "probe_ball"
-
-    def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
-        return tuple(self.own(c, "um", 1.0) for c in "xyz")
 
     def apply(self, row: Row) -> None:
         for i, c in enumerate("xyz"):
@@ -69,13 +71,10 @@ class _AxisOffset(Effect):
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Carried(Effect):
+class _Carried(_Shift):
     """What an axis carries moved by a constant in its own frame."""
 
     id: ClassVar[str] = "probe_carried"
-
-    def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
-        return tuple(self.own(c, "um", 1.0) for c in "xyz")
 
     def apply(self, row: Row) -> None:
         for c in "xyz":
