@@ -169,8 +169,8 @@ class Tonal(Effect):
         values: Values,
         covariance: Covariance,
     ) -> tuple[dict[str, Quantity], Array, Array]:
-        """Frequency, the two lowest ones above half the sampling rate that read the same, `amplitude` along the main axis of the
-        (in general elliptic) motion of all channels, what is `seen` of it, and its `phase` if it is common, else root mean
+        """Frequency, its two lowest aliases above half the sampling rate, `amplitude` along the main axis of the (in general
+        elliptic) motion of all channels, what is `seen` of it, and its `phase` if it is common, else root mean
         squares over the runs; the direction of that axis and its 1σ (channels,).
 
         `parameters`: the pairs, channel by channel, and the frequency.
