@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from plant.drives import Drive, follow
 
 from symfive.campaign import Campaign, Run, read_campaign
 from symfive.cli import main
@@ -198,12 +199,28 @@ def test_a_drift_at_a_standstill_needs_no_column_of_a_position(tmp_path: Path):
     assert moving.dynamic
 
 
+def test_axes_are_driven_along_a_curve_between_rows(tmp_path: Path):
+    """A control interpolates more finely than it records: the command bends by some µm between rows while the axis accelerates."""
+    fine = np.arange(0.0, 6.0, 1e-3)
+    command = 60.0 * (1.0 - np.cos(np.pi * fine / 1.0) * (1.0 - 0.2 * np.cos(3.0 * fine)))
+    command -= command[0]
+    names = ("position_gain", "velocity_gain", "integral_time", "viscous", "feedforward")
+    drive = Drive(**{name: getattr(MACHINE.axes["X"].drive, name) for name in names})
+    late = 1e3 * (follow(drive, command, 1e-3).x - command)
+    rows = [f"{fine[k]:.2f},{command[k]:.6f},{late[k]:.3f}" for k in range(0, len(fine), 10)]
+    (tmp_path / "x.csv").write_text("\n".join(["time [s],X [mm],X_dev [um]", *rows]))
+    campaign = _imported(tmp_path, "three-axis", tmp_path / "x.csv", "--yes", "--noise-um", "0.3")
+    lines = replace(campaign, runs=(replace(campaign.runs[0], options=campaign.runs[0].options | {"between": "line"}),))
+    curve, chord = (identify(each).rms_um for each in (campaign, lines))
+    assert curve < 0.3 and chord > 5.0 * curve
+
+
 @pytest.mark.parametrize("column, option", [("C_act [deg]", {"encoder_axes": ["C"]}), ("C_torque [Nm]", {"axis": "C"})])
 def test_a_recording_of_the_drive_names_its_axis(column: str, option: dict[str, object], tmp_path: Path):
     rows = [f"{0.01 * k:.2f},{0.3 * k:.1f},{0.3 * k:.1f}" for k in range(9)]
     (tmp_path / "c.csv").write_text("\n".join([f"time [s],C [deg],{column}", *rows]))
     campaign = _imported(tmp_path, "table-bc", tmp_path / "c.csv", "--yes")
-    assert campaign.runs[0].options == option
+    assert campaign.runs[0].options == {"between": "curve"} | option
     assert campaign.runs[0].noise(campaign.runs[0].instrument[0]) == pytest.approx(
         np.degrees(0.3e-6) if "deg" in column else 0.3
     )

@@ -274,23 +274,24 @@ def recorded_run(machine: Machine, columns: Columns, setting: Setting, id: str) 
         raise InputError(f"the {there} hold no {lacking}", remedy=remedy)
     rows = len(next(iter(readings.values())))
     time = _one(columns, "time") if "time" in columns else None
+    dynamic = time is not None and not setting.static
     u, v = (np.eye(3)[i] for i in PLANES[setting.plane]) if "grid_encoder" in noise else (None, None)
     run = Run(
-        id=id, instrument=tuple(noise), sampling="static" if time is None or setting.static else "dynamic",
-        clock="none" if time is None else "recorded", time=np.arange(float(rows)) if time is None else time - time[0],
+        id=id, instrument=tuple(noise), sampling="dynamic" if dynamic else "static", clock="none" if time is None else "recorded",
+        time=np.arange(float(rows)) if time is None else time - time[0],
         commands=Nominal(machine).commands({**setting.hold, **commands}, rows), readings=readings, table_ball=setting.centre,
         tool_ball=tool_ball_of(machine, setting.tool_ball), length=setting.radius,
         noise_um=noise if len(noise) > 1 else next(iter(noise.values())),
         u=None if u is None else (float(u[0]), float(u[1]), float(u[2])),
         v=None if v is None else (float(v[0]), float(v[1]), float(v[2])),
-        options=_options(read),
+        options=_options(read, dynamic),
     )  # fmt: skip
     return within_travel(machine, run, place="a position's unit or the travel in the machine file")
 
 
-def _options(read: Mapping[str, Sequence[str]]) -> dict[str, object]:
-    """Which axes the instruments (name → axes of its columns) of a run are of."""
-    found: dict[str, object] = {}
+def _options(read: Mapping[str, Sequence[str]], dynamic: bool) -> dict[str, object]:
+    """Which axes the instruments (name → axes of its columns) of a run are of; no axis moves in corners between its rows."""
+    found: dict[str, object] = {"between": "curve"} if dynamic else {}
     if "encoder" in read:
         found["encoder_axes"] = list(read["encoder"])
     for instrument in ("drive_force", "laser"):
