@@ -199,8 +199,21 @@ def test_a_drift_at_a_standstill_needs_no_column_of_a_position(tmp_path: Path):
     assert moving.dynamic
 
 
+@pytest.mark.parametrize("words", [("--map", "X=2:mm", "--map", "X_dev=3:um", "--static"), ("--map", "target=2:mm")])
+def test_what_is_read_twice_where_an_axis_turns_back_is_read_from_both_sides(words: tuple[str, ...], tmp_path: Path):
+    """A timed recording of ISO 230-2: the overrun at the ends is not in it. Readings repeated on the way are of one side."""
+    way = np.repeat([0.0, 100.0, 200.0, 200.0, 100.0, 0.0, 0.0, 100.0, 200.0], 2)
+    (tmp_path / "x.csv").write_text(
+        "\n".join(["time [s],X [mm],dev [um]", *(f"{5 * k},{x},0" for k, x in enumerate(way))])
+    )
+    words = (*words, "--map", "deviation=3:um", "--axis", "X") if "--static" not in words else words
+    (run,) = _imported(tmp_path, "three-axis", tmp_path / "x.csv", "--map", "time=1:s", *words, "--yes").runs
+    np.testing.assert_allclose(run.commands["X"], way, atol=2e-6)
+    assert approach(run.commands["X"]).tolist() == [*[1.0] * 6, *[-1.0] * 6, *[1.0] * 6]
+
+
 def test_axes_are_driven_along_a_curve_between_rows(tmp_path: Path):
-    """A control interpolates more finely than it records: the command bends by some µm between rows while the axis accelerates."""
+    """A control interpolates more finely than it records: the command bends by some µm between rows."""
     fine = np.arange(0.0, 6.0, 1e-3)
     command = 60.0 * (1.0 - np.cos(np.pi * fine / 1.0) * (1.0 - 0.2 * np.cos(3.0 * fine)))
     command -= command[0]

@@ -188,13 +188,7 @@ def positioning_run(
     if setting.axis not in machine.axes:
         raise InputError(f"the machine has no axis {setting.axis}", remedy=f"name one: --axis {machine.axis_names[0]}")
     unit = "urad" if machine.axes[setting.axis].rotary else "um"
-    way, before = np.array(target, dtype=float), 1.0
-    for i in range(1, len(way)):
-        step = way[i] - way[i - 1]
-        if step == 0.0:
-            way[i] += TURN_MM if before < 0.0 else -TURN_MM
-        else:
-            before = step
+    way = _from_both_sides(np.asarray(target, dtype=float))
     commands = Nominal(machine).commands({**setting.hold, setting.axis: way}, len(way))
     run = Run(
         id=id, instrument=("laser",), sampling="static", clock="none" if time is None else "recorded",
@@ -203,6 +197,20 @@ def positioning_run(
         tool_ball=tool_ball_of(machine, setting.tool_ball), noise_um=setting.noise_um, options={"axis": setting.axis},
     )  # fmt: skip
     return within_travel(machine, run, place="the targets' unit or the travel in the machine file")
+
+
+def _from_both_sides(target: Array) -> Array:
+    """Targets (N,) in measured order, told apart where an axis turns back at one that is read twice as often as others: what is
+    read there first is read where the axis came from, the other half after an overrun."""
+    way = np.array(target)
+    stops = np.split(np.arange(len(way)), np.flatnonzero(np.diff(way)) + 1)
+    usual = min(map(len, stops))
+    for before, own, after in zip(stops, stops[1:], [*stops[2:], None], strict=False):
+        came = np.sign(target[own[0]] - target[before[0]])
+        turns = after is None or came * (target[after[0]] - target[own[0]]) < 0.0
+        if turns and len(own) >= 2 * usual:
+            way[own[(len(own) + 1) // 2 :]] -= came * TURN_MM
+    return way
 
 
 def probe_run(
@@ -248,6 +256,8 @@ def _distance(found: Columns, nominal: Columns) -> float:
 def recorded_run(machine: Machine, columns: Columns, setting: Setting, id: str) -> Run:
     """A recording: dynamic where it has a time and is not `setting.static`. Axes without a column stand where `setting.hold`
     says, which then is needed of one, or at home."""
+    time = _one(columns, "time") if "time" in columns else None
+    dynamic = time is not None and not setting.static
     readings, noise, read = dict[str, Array](), dict[str, float](), dict[str, list[str]]()
     for name in columns:
         kind = name if name in KINDS else name.partition("_")[2]
@@ -260,6 +270,8 @@ def recorded_run(machine: Machine, columns: Columns, setting: Setting, id: str) 
         noise[instrument] = setting.noise_um * LARGE.get(unit, 1.0)
         read.setdefault(instrument, []).append(name.partition("_")[0])
     commands = {name: _one(columns, name) for name in columns if name in machine.axes}
+    if "laser" in read and not dynamic:
+        commands |= {name: _from_both_sides(commands[name]) for name in read["laser"] if name in commands}
     if not readings or not (commands or setting.hold):
         there = f"columns ({', '.join(columns)})" if columns else "names in the header"
         lacking = "reading" if not readings else "position of an axis"
@@ -273,8 +285,6 @@ def recorded_run(machine: Machine, columns: Columns, setting: Setting, id: str) 
             remedy = f"map it: --map {axis.name}=2:{axis.unit}; of a test at a standstill give --hold {axis.name}=0"
         raise InputError(f"the {there} hold no {lacking}", remedy=remedy)
     rows = len(next(iter(readings.values())))
-    time = _one(columns, "time") if "time" in columns else None
-    dynamic = time is not None and not setting.static
     u, v = (np.eye(3)[i] for i in PLANES[setting.plane]) if "grid_encoder" in noise else (None, None)
     run = Run(
         id=id, instrument=tuple(noise), sampling="dynamic" if dynamic else "static", clock="none" if time is None else "recorded",
