@@ -36,8 +36,8 @@ LEAST_CYCLES = 4.0
 """Cycles of a tone in the longest run, at least: fewer are a cycle over the campaign, not a vibration."""
 CYCLES = 3.0
 """Cycles within its reach from which on an axis shows what comes back."""
-FINER, MANY = 8.0, 500
-"""By how much uneven targets (ISO 230-2) may resolve shorter periods than even ones; positions that are no targets any more."""
+MANY = 500
+"""Uneven targets (ISO 230-2) tell apart as many frequencies within their reach, at most; more positions are no targets."""
 ALIKE = 0.999
 """Mean of exp(2πi·f·position), as a share of that at 0, from which on a frequency reads like 0: of even targets 1 at 1/step."""
 ROUNDING = float(np.sqrt(np.finfo(float).eps))
@@ -232,9 +232,9 @@ def _uneven(targets: Array, step: float) -> float:
     """How many times shorter periods some targets resolve than even ones a `step` apart: until a frequency reads like 0
     (L. Eyer & P. Bartholdi 1999). Positions in clusters, with steps far below their mean distance, are no targets."""
     reach, count = float(np.ptp(targets)), len(targets)
-    if count > MANY or not CYCLES * READINGS * step <= reach <= FINER * count * step:
+    if count > MANY or not CYCLES * READINGS * step <= reach <= CYCLES * count * step:
         return 1.0
-    frequencies = np.arange(0.5 / step, FINER / step, 0.1 / reach)
+    frequencies = np.arange(0.5 / step, MANY / reach, 0.1 / reach)
     window = np.abs(np.exp(2j * np.pi * np.outer(frequencies, targets)).mean(axis=1))
     alike = frequencies[window > ALIKE]
-    return max(1.0, float(alike[0]) * step) if len(alike) else FINER
+    return max(1.0, float(alike[0] if len(alike) else frequencies[-1]) * step)

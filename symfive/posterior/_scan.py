@@ -5,13 +5,14 @@ With the whitened columns X of one place (a channel's tangent times a course alo
     Δ = sᵀ(H + w⁻²)⁻¹s - log|w²H + 1|,   H = XᵀX - XᵀJ(JᵀJ + 1)⁻¹JᵀX,   s = Xᵀr - XᵀJ(JᵀJ + 1)⁻¹(Jᵀr - δ),
 
 is what it takes off the cost (C. R. Rao 1948) at the best of the widths w of its prior. Sines over a coordinate are scored on a
-whole grid of frequencies by one FFT of the twice whitened residual's answer. The best places become forms; what they are worth,
-the moments say.
+whole grid of frequencies by one FFT of the twice whitened residual's answer, as if nothing were fitted beside them; between the
+highest the first part of Δ decides (M. Zechmeister & M. Kürster 2009). The best places become forms; what they are worth, the
+moments say.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import product
 
@@ -32,6 +33,11 @@ __all__ = ["placed"]
 
 USUAL = 10.0
 """1σ of a channel's answer in a scan, µm or µrad: of usual size, which the widths multiply."""
+PADDED = 4
+"""Frequencies per resolved one, over 2, so that a sine between two of them loses 1 % of its power at most (sinc²)."""
+CELLS = 2**20
+"""Rows times frequencies of which Δ is computed: all that are looked for of some hundred targets, where what is fitted takes a
+different share of each frequency; the highest of a spectrum where rows are many and the shares alike."""
 FINE = 8
 """Cells of the grid per shortest period, so that sharing a reading between two of them loses 5 % of it at most (sinc²)."""
 
@@ -100,49 +106,45 @@ class _Seen:
 
     def course(self, scan: Scan) -> Iterator[Form]:
         """The place with the largest Δ."""
-        drop = self._drops(scan)
-        if len(drop):
-            yield scan.form(int(np.argmax(drop)))
+        runs = [run for run in self.campaign.runs if scan.run in (None, run.id)]
+        h, s = self._beside((scan.channel, scan.axis), runs, lambda run: scan.courses(run)[:, :, None])
+        if len(s):
+            yield scan.form(int(np.argmax(np.max([_gain(h, s, width) for width in WIDTHS], axis=0))))
 
-    def _drops(self, scan: Scan) -> Array:
-        """Δ of every place (count,)."""
+    def _beside(self, channel: Channel, runs: Sequence[Run], courses_of: Callable[[Run], Array]) -> tuple[Array, Array]:
+        """H (count, d, d) and s (count, d) of a channel's answer along the courses (N, count, m) of every place."""
         cross, own, slope = list[Array](), np.zeros(()), np.zeros(())
         rows = list[Indices]()
-        for run in self.campaign.runs:
-            if scan.run not in (None, run.id):
-                continue
-            answer = self._tangent(run, (scan.channel, scan.axis))
-            courses = scan.courses(run)
-            parts = answer.shape[2]
+        for run in runs:
+            answer, courses = self._tangent(run, channel), courses_of(run)
+            count, parts = courses.shape[1], answer.shape[2] * courses.shape[2]
             if not parts or not courses.any():
                 continue
-            moved = answer[:, :, None, :] * courses[:, None, :, None]
-            white = self._white(run, moved.reshape(*answer.shape[:2], -1)).reshape(-1, scan.count * parts)
+            moved = answer[:, :, None, :, None] * courses[:, None, :, None, :]
+            white = self._white(run, moved.reshape(*answer.shape[:2], -1)).reshape(-1, count * parts)
             where, fitted = self._fitted[run.id]
             cross.append(fitted.T @ white)
             rows.append(where)
-            each = white.reshape(-1, scan.count, parts)
+            each = white.reshape(-1, count, parts)
             own = own + np.einsum("nkd,nke->kde", each, each, optimize=True)
             slope = slope + white.T @ self._residual[run.id]
         if not cross:
-            return np.zeros(0)
+            return np.zeros((0, 0, 0)), np.zeros((0, 0))
         total = np.zeros((len(self._normal), cross[0].shape[1]))
         for where, part in zip(rows, cross, strict=True):
             total[where] += part
         solved = np.linalg.solve(self._normal, total)
-        parts = total.shape[1] // scan.count
-        taken = np.einsum("pkd,pke->kde", *(t.reshape(-1, scan.count, parts) for t in (total, solved)), optimize=True)
-        s = (slope - solved.T @ self._slope).reshape(scan.count, parts)
-        return np.asarray(np.max([_gain(own - taken, s, width) for width in WIDTHS], axis=0))
+        taken = np.einsum("pkd,pke->kde", *(t.reshape(-1, *own.shape[:2]) for t in (total, solved)), optimize=True)
+        return own - taken, (slope - solved.T @ self._slope).reshape(own.shape[:2])
 
     def tone(self, tone: Tone) -> Iterator[Form]:
-        """The highest peak of the spectrum."""
+        """The frequency that takes most off the cost, whatever its size: Δ would prefer those that are fitted already."""
         runs = [run for run in self.campaign.runs if not tone.runs or run.id in tone.runs]
         at = {run.id: tone.coordinate(run) for run in runs}
         together = [[run] for run in runs] if tone.apart else [runs]
         ends = [[each(each(at[run.id]) for run in some) for each in (min, max)] for some in together]
         step = 1.0 / (FINE * tone.highest)
-        count = int(2 ** np.ceil(np.log2(2.0 * max(high - low for low, high in ends) / step + 2.0)))
+        count = int(2 ** np.ceil(np.log2(2.0 * PADDED * max(high - low for low, high in ends) / step + 2.0)))
         score = np.zeros(count // 2 + 1)
         parts = range(self._tangent(runs[0], (tone.channel, tone.axis)).shape[2])
         for part, (some, (low, _)) in product(parts, zip(together, ends, strict=True)):
@@ -154,16 +156,29 @@ class _Seen:
             score += np.abs(_spectrum(grid)) ** 2 / power
         cycles = np.arange(len(score)) / (count * step)
         seen = (cycles >= tone.lowest) & (cycles <= tone.highest)
-        if seen.any():
-            best = int(np.argmax(np.where(seen, score, -1.0)))
-            yield tone.form(float(cycles[best]), float(cycles[1]), int(seen.sum()) // 2 + 1)
+        if not seen.any():
+            return
+        few = max(1, CELLS // sum(run.rows for run in runs))
+        highest = np.flatnonzero(seen)[np.argsort(-score[seen])[:few]]
+
+        def waves(run: Run) -> Array:
+            turns = 2.0 * np.pi * np.outer(at[run.id], cycles[highest])
+            return np.stack([np.cos(turns), np.sin(turns)], axis=2)
+
+        each = [self._beside((tone.channel, tone.axis), some, waves) for some in together]
+        best = highest[int(np.argmax(sum(_drop(h, s, WIDTHS[-1]) for h, s in each if len(s))))]
+        yield tone.form(float(cycles[best]), PADDED * float(cycles[1]), int(seen.sum()) // (2 * PADDED) + 1)
 
 
 def _gain(h: Array, s: Array, width: float) -> Array:
     """Twice the log evidence (places,) of an effect whose 1σ is `width` times the usual one."""
-    scaled = width**2 * h + np.eye(h.shape[-1])
-    drop = width**2 * np.sum(s * np.linalg.solve(scaled, s[:, :, None])[:, :, 0], axis=1)
-    return np.asarray(drop - np.linalg.slogdet(scaled)[1])
+    return np.asarray(_drop(h, s, width) - np.linalg.slogdet(width**2 * h + np.eye(h.shape[-1]))[1])
+
+
+def _drop(h: Array, s: Array, width: float) -> Array:
+    """What it takes off the cost (places,)."""
+    solved = np.linalg.solve(h + width**-2.0 * np.eye(h.shape[-1]), s[:, :, None])
+    return np.asarray(np.sum(s * solved[:, :, 0], axis=1))
 
 
 def _spread(at: Array, answer: Array, step: float, count: int) -> Array:
