@@ -14,6 +14,7 @@ from scipy.stats import multivariate_normal
 import symfive
 from symfive.campaign import read_campaign
 from symfive.effects import EFFECTS, Form, Scan, Tone, make_effect
+from symfive.effects.backlash import SHAPES
 from symfive.inference import whiten
 from symfive.model import Model
 from symfive.posterior import (
@@ -70,6 +71,14 @@ def test_every_effect_states_its_own_candidates() -> None:
     assert not any(
         key.startswith("backlash") for key in (f.effect.key for f in candidates(campaign, ["backlash"]).forms)
     )
+
+
+def test_a_backlash_can_take_each_of_its_shapes_whichever_it_joined_in() -> None:
+    """A step that had joined was never refitted as the free play that it was, and the tilt of a carriage was: it came first."""
+    every = candidates(bars({}, angles=100)).forms
+    stated = [form for form in every if form.effect.id == "backlash"]
+    assert {form.effect.shape for form in stated} >= {"play", "step"}
+    assert all({form.effect.shape, *(other.shape for other in form.shapes)} == set(SHAPES) for form in stated)
 
 
 def test_a_counterbalance_is_looked_for_on_a_vertical_axis_that_turns_back() -> None:

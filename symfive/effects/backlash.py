@@ -49,8 +49,9 @@ class Backlash(Effect):
     def candidates(cls, campaign: Campaign) -> Forms:
         for axis in reversing(campaign):
             shapes = {shape: cls(axis=axis, shape=shape) for shape in SHAPES}
-            yield Form(effect=shapes.pop("play"), shapes=tuple(shapes.values()))
-            yield Form(effect=replace(shapes.pop("step"), tag="step"), shapes=tuple(shapes.values()))
+            for first, tag in (("play", ""), ("step", "step")):
+                others = tuple(each for shape, each in shapes.items() if shape != first)
+                yield Form(effect=replace(shapes[first], tag=tag), shapes=others)
 
     def advice(self, sizes: Mapping[str, Quantity]) -> tuple[str, str]:
         width = sizes.get("width")
