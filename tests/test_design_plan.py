@@ -54,6 +54,13 @@ def rounded_plans() -> dict[str, Plan]:
     return found
 
 
+def test_minutes_decide_the_number_of_poses() -> None:
+    quick = {"minutes": 22.0, "setups": 1, "starts": 1, "anywhere": False, "prove": False}
+    made, few = plan(OYAMA, **quick), plan(OYAMA, points=10, **quick)
+    assert made.certificate.points > 40 and 20.0 < made.minutes <= 22.0
+    assert few.certificate.points == 10 and few.minutes < 10.0
+
+
 @pytest.mark.slow
 def test_certificate_of_twenty_poses(made: Plan) -> None:
     assert made.certificate.efficiency >= 0.99

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import re
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -413,3 +414,15 @@ def test_command_line_frees_the_effects_of_the_plan(folder: Path, tmp_path: Path
     assert "latency.delay_ms" in found
     off = [(found[name]["value"] - value) / found[name]["std"] for name, value in truth.items()]
     assert np.sqrt(np.mean(np.square(off))) < 2.0
+
+
+def test_a_refused_speed_names_one_that_works() -> None:
+    options: dict[str, Any] = {"minutes": 6.0, "setups": 1, "certify": False}
+    with pytest.raises(
+        InputError, match=r"no sweep is clear of all limits at 400 °/s and more; ([\d.]+) °/s works"
+    ) as refused:
+        plan_sweeps(MACHINE, speeds=(400.0, 800.0), **options)
+    named = re.search(r"([\d.]+) °/s works", str(refused.value))
+    assert named is not None
+    made = plan_sweeps(MACHINE, speeds=(float(named[1]),), **options)
+    assert made.speeds == (float(named[1]),) and float(named[1]) < 400.0

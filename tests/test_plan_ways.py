@@ -104,6 +104,34 @@ def test_no_set_up_is_offered_over_which_the_tool_cannot_go_home() -> None:
             assert len(z) == 8 and all(blocked) != fits
 
 
+@pytest.mark.parametrize(("name", "top"), [("head-bc", 220.0), ("table-bc", 300.0)])
+def test_no_pose_is_offered_without_travel_to_draw_the_tool_back(name: str, top: float) -> None:
+    """Poses in reach are left out where the program's own ways find no travel to leave them, and nowhere else."""
+    tall = location_only(name)
+    short = _with_travel(tall, "Z", tall.axes["Z"].travel[0], top)
+    space = make_space(short, "r_test")
+    generator = np.random.default_rng(0)
+    drawn = generator.uniform(space.lower, space.upper, (4000, len(space.lower)))
+    drawn[:, space.poses :] = np.tile(drawn[:4, space.poses :], (1000, 1))  # four set-ups
+    k = np.zeros((len(drawn), 1))
+    drawn = drawn[make_space(tall, "r_test").feasible(drawn, k)]
+    limits = space.kernel.limits(drawn, k[: len(drawn)])
+    back = limits[:, space.limit_names.index("travel to draw the tool back")]
+    others = np.delete(limits, space.limit_names.index("travel to draw the tool back"), axis=1).min(axis=1) >= 0.0
+    offered, left_out = (np.flatnonzero(others & side)[:60] for side in (back >= 0.0, back < 0.0))
+    assert len(offered) == len(left_out) == 60
+    k = np.zeros((60, 1))
+    assert "travel of Z" not in Reach(space).in_the_way(drawn[offered], k)
+    assert set(Reach(space).in_the_way(drawn[left_out], k)) == {"travel of Z"}
+
+
+def test_a_plan_on_a_machine_with_a_short_z_is_as_good_as_its_certificate() -> None:
+    """Nothing that is chosen has to be exchanged for a pose with a way out, at whatever cost."""
+    short = _with_travel(location_only("head-bc"), "Z", -200.0, 220.0)
+    made = plan(short, points=12, setups=2, starts=1, anywhere=False, prove=False)
+    assert made.certificate.efficiency > 0.95
+
+
 def test_a_blocked_rapid_is_blamed_on_the_row_it_leads_to() -> None:
     """A rapid straight into the pose: the move that follows stands still, and the row stays with the rapid."""
     (run,) = r_test_grid(OYAMA, grid={"B": (-90.0, 90.0), "C": (0.0,)}, nests=((0.0, 0.0, 60.0),), returning=False)
@@ -380,3 +408,5 @@ def test_a_bar_stays_off_the_rim_of_a_thick_post() -> None:
     for radius, degree in ((None, -45.0), (10.0, -45.0), (18.0, -np.degrees(np.arctan2(15.0, 18.0)))):
         workspace = replace(TABLE.workspace, post_radius=radius)
         assert least_elevation(workspace) == pytest.approx(degree)
+    least = np.radians(least_elevation(replace(TABLE.workspace, post_radius=18.0, bar_radius=6.0)))
+    assert 15.0 * np.cos(least) + 18.0 * np.sin(least) == pytest.approx(6.0)  # its axis 6 mm above the rim

@@ -15,6 +15,9 @@ import pytest
 from symfive.campaign import Campaign, Run, read_campaign, write_campaign
 from symfive.cli import main
 from symfive.design import plan
+from symfive.design._candidates import candidates_in, setup_options  # what a plan chooses from
+from symfive.design._reach import Reach  # as above
+from symfive.design._space import make_space  # as above
 from symfive.errors import InputError
 from symfive.importers.touch_log import fitted_centres, probed_run, read_touches
 from symfive.machine import preset
@@ -107,6 +110,19 @@ def test_touches_keep_off_the_post(post):
     thick = replace(machine, workspace=replace(machine.workspace, post_radius=11.5))
     with pytest.raises(InputError, match="tip and post on every exit path"):
         cleared(thick, (run,), {})
+
+
+def test_every_pose_offered_keeps_the_stem_off_a_thick_post():
+    machine = preset("head-bc")
+    machine = replace(machine, workspace=replace(machine.workspace, post_radius=8.0, tool_radius=6.0))
+    space = make_space(machine, "touch_probe")
+    setups, lengths = setup_options(space)
+    tilted = [
+        [0.0, np.radians(b)] if space.names[0] == "C" else [np.radians(b), 0.0] for b in np.arange(26.0, 52.0, 2.0)
+    ]
+    offered = candidates_in(space, setups[:1], lengths[:1], np.array(tilted))
+    assert 0 < len(offered) < len(tilted)
+    assert not any("post" in what for what in Reach(space).in_the_way(offered.z, offered.k))
 
 
 def test_rapids_keep_off_a_large_sphere():

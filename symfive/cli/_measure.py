@@ -78,7 +78,7 @@ def check(path: Path, as_json: bool, quiet: bool) -> None:
     "--instrument", default="r_test", help="r_test, touch_probe or ball_bar; several share --minutes: r_test,ball_bar."
 )
 @click.option("--criterion", help="D (default), A, E, G (with --part the default) or V.")
-@click.option("--points", type=COUNT, default=40, help="Number of poses.")
+@click.option("--points", type=COUNT, help="Number of poses (default: 40, with --minutes as many as fit).")
 @click.option(
     "--for",
     "wanted",
@@ -116,7 +116,7 @@ def check(path: Path, as_json: bool, quiet: bool) -> None:
     multiple=True,
     help="Fewest poses (at most --points) until NAME=1σ is expected, as EX0C=2um; may be repeated.",
 )
-@click.option("--minutes", type=POSITIVE, help="Time budget in minutes, set-up included, for at most --points poses.")
+@click.option("--minutes", type=POSITIVE, help="Time budget in minutes, set-up included.")
 @click.option("--per-minute", is_flag=True, help="The poses with most information per minute.")
 @click.option("--setups", type=COUNT, help="Most positions of nest or balls; of all instruments together.")
 @click.option("--bar", "bars", type=POSITIVE, multiple=True, help="Length in mm of a bar you own; may be repeated.")

@@ -38,6 +38,8 @@ from symfive.toolpath import ToolPath
 INDEXED = (
     "the spindle is indexed in every run: for this part this gains more than one further pose (--no-index forbids it)"
 )
+USUAL_POINTS = 40
+"""Poses of a plan where neither their number nor its time is given."""
 REPORTED_DRAWS, DRAWS = 2, 6
 """Machines drawn from the priors: to report how a plan fares on them, and to choose a robust plan."""
 
@@ -100,8 +102,8 @@ def _different(run: Run) -> int:
 
 @one_thread
 def plan(
-    machine: Machine | Path | str, *, instrument: str = "r_test", criterion: str | Criterion | None = None, points: int = 40,
-    for_: Iterable[str] = (), part: ToolPath | Path | str | None = None,
+    machine: Machine | Path | str, *, instrument: str = "r_test", criterion: str | Criterion | None = None,
+    points: int | None = None, for_: Iterable[str] = (), part: ToolPath | Path | str | None = None,
     given: Campaign | Path | str | None = None, setups: int | None = None,
     lengths: Sequence[float] = (), minutes: float | None = None,
     per_minute: bool = False, returns: int = 2, repeats: int = 1, noise_um: float = 0.3,
@@ -112,6 +114,7 @@ def plan(
 ) -> Plan:  # fmt: skip
     """The static plan of `points` poses that makes the uncertainty of what is sought smallest.
 
+    By default it has 40 poses, with `minutes` as many as fit into them;
     `machine` a machine, the path of its file, or the name of a preset;
     `instrument` `r_test`, `touch_probe` or `ball_bar`; `criterion` D (default), A, E, G or V (`I`), or one of your own; `for_`
     names of the parameters that count (by default all of the machine's), the others and every set-up error being marginalised;
@@ -136,8 +139,8 @@ def plan(
         given=None if given is None else campaign_given(given), robust=robust, survive=survive,
         machine=machine, instrument=instrument, setups=setups, noise_um=noise_um, setup_sigma=setup_sigma, frame=frame,
         index=index, returns=returns, repeats=repeats,
-        points=points, minutes=minutes, per_minute=per_minute, starts=starts, anywhere=anywhere, prove=prove, seed=seed,
-        pool=pool, progress=progress,
+        points=USUAL_POINTS if points is None and minutes is None else points, minutes=minutes, per_minute=per_minute,
+        starts=starts, anywhere=anywhere, prove=prove, seed=seed, pool=pool, progress=progress,
     )  # fmt: skip
     route = part_given(machine, part, request.for_)
     return _planned(request) if route is None else _planned_for(request, route)

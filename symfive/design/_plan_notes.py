@@ -154,8 +154,9 @@ GROUPS = {error.name: error for error in SETUP_ERRORS}
 def what_dominates(space: Space, task: Task, rows: Rows) -> list[str]:
     """One sentence where the criterion hardly moves with the number of poses; nothing where it does, nor where there are fewer
     readings than unknowns: further poses then determine what repeated ones do not."""
-    prior = task.prior_information(rows.groups)
-    if len(rows.z) * (1 if space.instrument == "ball_bar" else 3) < len(prior):
+    prior, count = task.prior_information(rows.groups), len(rows.z)
+    least = math.ceil(len(prior) / (1 if space.instrument == "ball_bar" else 3))
+    if count < least:
         return []
     read = information_of(space, task, rows) - prior
     now = task.value(prior + read)
@@ -174,9 +175,12 @@ def what_dominates(space: Space, task: Task, rows: Rows) -> list[str]:
         if name in GROUPS
         else "no reading of this plan separates it from the set-up; another instrument may"
     )
+    worst = now - 2.0 * math.log(NOISE_HARDLY)
+    few = next((n for n in range(least, count) if task.value(prior + n / count * read) <= worst), count)
+    enough = f", {few} of the {count} do as well" if few < count else ""
     return [
-        f"more poses in these set-ups hardly help: {task.criterion.name} is {_size(task, now)}, with {MORE:g} times as many "
-        f"{_size(task, more)}; {name}{sigma.get(name, '')} dominates, and exactly known leaves {_size(task, known[name])}: "
+        f"more poses in these set-ups hardly help{enough}: {task.criterion.name} is {_size(task, now)}, with {MORE:g} times as "
+        f"many {_size(task, more)}; {name}{sigma.get(name, '')} dominates, and exactly known leaves {_size(task, known[name])}: "
         f"{remedy}"
     ]
 

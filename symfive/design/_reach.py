@@ -6,8 +6,9 @@ import numpy as np
 
 from symfive.arrays import Array
 from symfive.campaign import Run
-from symfive.design._candidates import PER_SETUP, candidates_in, pose_grid, rows_of
+from symfive.design._candidates import candidates_in, rows_of
 from symfive.design._rounding import on_grid
+from symfive.design._search import poses_everywhere
 from symfive.design._space import Space
 from symfive.errors import InputError
 from symfive.moves import REMEDY, Ways
@@ -49,15 +50,15 @@ def _run(space: Space, z: Array, k: Array) -> Run:
 def with_ways_out(reach: Reach, task: Task, rows: Rows) -> Rows:
     """The design with every pose one from which the tool can be drawn back clear of everything.
 
-    The others are exchanged for the most informative poses of a grid in the same set-ups. Raises `InputError` where no pose has
-    an exit path.
+    The others are exchanged for the most informative of the poses from which the certificate's search starts, in the same
+    set-ups. Raises `InputError` where no pose has an exit path.
     """
     space = reach.space
     met = reach.in_the_way(rows.z, rows.k)
     if not any(met):
         return rows
     first = next(what for what in met if what)
-    grid = candidates_in(space, *rows.setups, on_grid(space, pose_grid(space, PER_SETUP)))
+    grid = candidates_in(space, *rows.setups, on_grid(space, poses_everywhere(space)))
     joined = rows_of(space, rows).joined(grid)
     count = len(rows.z)
     chosen, out = np.arange(count), np.zeros(len(joined), dtype=bool)

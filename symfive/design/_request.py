@@ -59,7 +59,7 @@ class Request:
     returns: int
     repeats: int
 
-    points: int
+    points: int | None
     minutes: float | None
     per_minute: bool
     starts: int
@@ -93,7 +93,7 @@ class Request:
     def shares(self) -> list[tuple[int, int]]:
         """Numbers of poses and of runs that fit into the time, for every number of runs. Raises `InputError` for none."""
         runs = self.setups or usual_setups(self.instrument)
-        return affordable(self.machine, self.minutes, self.points, runs, self.returns, self.repeats)
+        return affordable(self.machine, self.minutes, self.points or MOST["points"], runs, self.returns, self.repeats)
 
 
 def usual_setups(instrument: str) -> int:

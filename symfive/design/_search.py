@@ -37,12 +37,7 @@ class Search:
         self.space, self.setups, self.lengths = space, setups, lengths
         self.groups = len(setups)
         self.layout = task.layout(self.groups)
-        inside, outer = np.split(_spread(COARSE + COARSE // 2, space.poses), [COARSE])
-        outer = np.clip(0.5 + STRETCHED * (outer - 0.5), 0.0, 1.0)
-        corners = np.array(list(itertools.product((0.0, 1.0), repeat=space.poses)))
-        low, high = space.lower[: space.poses], space.upper[: space.poses]
-        poses = low + (high - low) * np.concatenate([inside, outer, corners])
-        z, k, group = self._rows(poses)
+        z, k, group = self._rows(poses_everywhere(space))
         self.all = Candidates(z, k, group, space.kernel.rows(z, k))
         self.fits = space.feasible(z, k, self.all.rows)
         self.violated = np.sum(np.minimum(space.kernel.limits(z, k), 0.0) ** 2, axis=1)
@@ -135,6 +130,15 @@ class Search:
                 apart = np.abs(place[beside] - place[i]).max(axis=1)
                 left[beside[(apart < NEAR) & (group[beside] == group[i])]] = False
         return np.array(found, dtype=np.int64)
+
+
+def poses_everywhere(space: Space) -> Array:
+    """Poses (n, poses) spread evenly over their ranges, with many on the edges and all corners."""
+    inside, outer = np.split(_spread(COARSE + COARSE // 2, space.poses), [COARSE])
+    outer = np.clip(0.5 + STRETCHED * (outer - 0.5), 0.0, 1.0)
+    corners = np.array(list(itertools.product((0.0, 1.0), repeat=space.poses)))
+    low, high = space.lower[: space.poses], space.upper[: space.poses]
+    return np.asarray(low + (high - low) * np.concatenate([inside, outer, corners]))
 
 
 def _spread(count: int, dimensions: int) -> Array:

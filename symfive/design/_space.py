@@ -33,6 +33,7 @@ from symfive.model import Model, assemble
 from symfive.motion import Position
 from symfive.moves import (
     BALL_RADIUS,
+    RETRACTS_MM,
     angle_clearance,
     least_elevation,
     least_upright,
@@ -41,7 +42,7 @@ from symfive.moves import (
     out_of_nest_clearance,
     post_clearance,
 )
-from symfive.nc import at_the_top, touch_reach
+from symfive.nc import at_the_top, top_of, touch_reach, upright_axis
 from symfive.optimal import Kernel
 from symfive.parameters import Parameter
 from symfive.procedures import home
@@ -55,8 +56,10 @@ LEAST_VOLUME = 0.1
 """Where a rotary axis turns linear axes against each other: they keep at least so far from lying in one plane (a sine, 6°);
 nearer, any of many positions of the axes would do for a pose."""
 PARALLEL = "linear axes in one plane"
-KINKED = "tool and post"
-"""The one limit that is no sum of places: a distance of two bodies, whose derivatives are nine tenths of all limits'."""
+TO_POST, DRAWN_BACK = "tool and post", "travel to draw the tool back"
+KINKED = (TO_POST, DRAWN_BACK)
+"""The limits that are no sum of places: a distance of two bodies, whose derivatives are nine tenths of all limits', and the
+better of two directions."""
 SAME_VOLUME = 1e-9
 SIGMAS_IN_RANGE = 3.0
 MOST_PROBE_TILT_DEG = 50.0
@@ -100,7 +103,7 @@ class Space:
     @property
     def smooth_limits(self) -> list[int]:
         """Numbers of the limits without kinks."""
-        return [i for i, name in enumerate(self.limit_names) if name != KINKED]
+        return [i for i, name in enumerate(self.limit_names) if name not in KINKED]
 
     @cached_property
     def smooth_kernel(self) -> Kernel:
@@ -321,6 +324,21 @@ def _around_sphere(machine: Machine, geometry: _Geometry) -> dict[str, Any]:
     return {name: touch_reach(machine) * ca.norm_2(ca.jacobian(moved[name], place)) for name in linear}
 
 
+def _left_to_draw_back(machine: Machine, geometry: _Geometry) -> Any:
+    """mm of travel that the upright axis has left at a pose, the tool drawn back up from the table or, where that does not lead
+    down, along itself, whichever leaves more: without it there is no way out of a nest."""
+    upright = upright_axis(machine)
+    turned = {name: q for name, q in geometry.position.items() if machine.axes[name].rotary}
+    sign = math.copysign(1.0, machine.axes[upright].direction[2])
+
+    def left(way: Any) -> Any:
+        drawn = follow(machine, turned, geometry.tool_ball, geometry.place + RETRACTS_MM[0] * way)
+        return sign * (top_of(machine) - drawn[upright])
+
+    along = geometry.tool_axis
+    return ca.fmax(left(ca.DM([0.0, 0.0, 1.0])), ca.fmin(left(along), RETRACTS_MM[0] * along[2]))
+
+
 def _limits(
     machine: Machine, instrument: str, geometry: _Geometry, k: Any, most: Array
 ) -> tuple[Any, tuple[str, ...]]:  # fmt: skip
@@ -338,6 +356,9 @@ def _limits(
                 (high - geometry.position[name] - margin) / UNIT_MM,
             ]
             names += [f"travel of {name}"] * 2
+    if instrument != "ball_bar":  # which leaves sideways, too
+        limits.append(_left_to_draw_back(machine, geometry) / UNIT_MM)
+        names.append(DRAWN_BACK)
     volume = _spanned(machine, geometry.position, geometry.tool_ball)
     if volume is not None:
         limits.append(volume - LEAST_VOLUME)
@@ -352,7 +373,7 @@ def _limits(
             )
             gap = post_clearance(workspace, geometry.table_ball, place, axis)
             limits.append((gap - workspace.clearance) / UNIT_MM)
-            names += ["spindle nose and bar", KINKED]
+            names += ["spindle nose and bar", TO_POST]
         elif nose_may_reach_post(workspace):
             down = ca.DM([0.0, 0.0, -1.0])
             limits.append(angle_clearance(workspace, axis, down, place[2], workspace.post_radius or 0.0))

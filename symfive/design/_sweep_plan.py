@@ -28,7 +28,15 @@ from symfive.design._optimal_weights import together
 from symfive.design._request import check_counts, check_minutes, interest_of, task_of, with_bars
 from symfive.design._schedule import SETUP_S
 from symfive.design._space import Space, make_space
-from symfive.design._sweep_recordings import MOST, Recording, SweepCertificate, bound_of, certified, mountings_that_pay
+from symfive.design._sweep_recordings import (
+    MOST,
+    SLOWEST,
+    Recording,
+    SweepCertificate,
+    bound_of,
+    certified,
+    mountings_that_pay,
+)
 from symfive.design._sweeps import (
     DELAY_MS,
     SHORTEST,
@@ -65,7 +73,6 @@ class _Kind:
 
 INSTRUMENTS = {"r_test": _Kind("R-test", 200, 0), "ball_bar": _Kind("ball bar", 2000, 10_000)}
 SPEEDS = (5.0, 10.0, 20.0)
-SLOWEST = 0.1
 ROUNDS = 2
 LONGEST_S = 3600.0
 """Of one recording: a plan in motion goes back to no first position, so drift (ISO 230-3 tests it over an hour) is not seen."""

@@ -38,7 +38,9 @@ SAMPLE = 60
 """Sweeps by which speeds are compared."""
 SLACK = 0.01
 """Share of the time that is left to moving the stops off the grid."""
-REMEDY = "what helps: a lower speed, a longer tool, more travel, a lower sigma of the errors"
+SLOWEST = 0.1
+"""degree/s at which a turn takes an hour."""
+REMEDY = "what helps: a longer tool, more travel, a lower sigma of the errors"
 MOST = 4
 """Mountings at most where nobody says how many."""
 READINGS = 200
@@ -64,7 +66,7 @@ class Recording:
         sweeps, positions, speed = self.sweeps, self._positions, self.speed
         grid = grid_of(sweeps, positions, _ends(sweeps, positions), speed)
         if not np.isfinite(grid.seconds[np.ix_(grid.ends, grid.ends)]).any():
-            raise InputError("no sweep is clear of all limits", remedy=REMEDY)
+            raise InputError("no sweep joins two positions with a clear exit path", remedy=REMEDY)
         self.stops = _clear_way(sweeps, goal, grid, self.stops, speed, seconds)
         self._positions = _about(sweeps, goal, self.stops, seconds, len(positions))
         found = [sweeps.between(*pair, speed) for pair in itertools.pairwise(self.stops)]
@@ -86,7 +88,9 @@ def best_speed(sweeps: Sweeps, goal: Goal, speeds: Sequence[float], seconds: flo
         sweeps.all_between(pairs, speed)
     offered = sweeps.offered
     if not offered:
-        raise InputError("no sweep is clear of all limits", remedy=REMEDY)
+        slower = itertools.takewhile(lambda v: v >= SLOWEST, (min(speeds) * 0.5**i for i in itertools.count(1)))
+        works = next((f"{v:g} °/s works" for v in slower if any(sweeps.all_between(pairs, v))), REMEDY)
+        raise InputError(f"no sweep is clear of all limits at {min(speeds):g} °/s and more", remedy=works)
     weights, _ = _weighed(goal, [sweep for _, _, sweep in offered], seconds)
     spent = {speed: sum(w for w, (_, own, _) in zip(weights, offered, strict=True) if own == speed) for speed in speeds}
     return max(spent, key=lambda speed: spent[speed])

@@ -32,7 +32,7 @@ NO_NOISE = 1e-3
 
 
 def plan_until(
-    machine: Machine | Path | str, asked: Mapping[str, float], *, points: int = 40,
+    machine: Machine | Path | str, asked: Mapping[str, float], *, points: int | None = None,
     progress: Callable[[str], None] = lambda message: None, **options: Any,
 ) -> Plan:  # fmt: skip
     """The plan with the fewest poses, at most `points`, after which every error of `asked` is expected to be known.
@@ -64,13 +64,13 @@ def plan_until(
     most = plan(machine, points=points, **quick)
     if _unmet(most, limits):
         raise _out_of_reach(most, limits, options.get("given"))
-    low, high = LEAST - 1, points
+    low, high = LEAST - 1, most.certificate.points
     while high - low > 1:
         middle = (low + high) // 2
         low, high = (low, middle) if reached(middle) else (middle, high)
     while True:
         found = plan(machine, points=high, **(options | {"progress": progress}))
-        if not _unmet(found, limits) or high >= points:
+        if not _unmet(found, limits) or high >= most.certificate.points:
             break
         high += 1
     return replace(found, notes=(_says(found, limits, high), *found.notes))

@@ -23,6 +23,7 @@ import casadi as ca
 import numpy as np
 
 from symfive.machine import Workspace
+from symfive.nc import Probing
 
 NOSE_LENGTH = 300.0
 """mm of the spindle nose and housing above its lower end that are kept off everything."""
@@ -40,8 +41,9 @@ SMOOTH = 1e-6
 
 def least_elevation(workspace: Workspace) -> float:
     """How far a bar may lean below the table ball, degree (negative), before it meets the cup or the rim of the post's top."""
-    radius = workspace.post_radius or 0.0
-    return max(LEAST_ELEVATION, -math.degrees(math.atan2(POST_TOP, radius)))
+    post, bar = workspace.post_radius or 0.0, workspace.bar_radius or 0.0
+    rim = math.atan2(post, POST_TOP) - math.acos(min(bar / math.hypot(post, POST_TOP), 1.0))
+    return max(LEAST_ELEVATION, math.degrees(rim))
 
 
 def post_under_sphere(workspace: Workspace) -> float:
@@ -51,10 +53,17 @@ def post_under_sphere(workspace: Workspace) -> float:
 
 
 def least_upright(workspace: Workspace) -> float:
-    """Cosine of the largest tilt at which a tip at the sphere's equator passes beside its post or above the post's end."""
-    sphere, tip, post = workspace.sphere_radius, workspace.tip_radius, workspace.post_radius or 0.0
-    above = min(max(post_under_sphere(workspace) - tip, 0.0) / (sphere + tip), 1.0)
-    return min((post + tip) / (sphere + tip), math.sqrt(1.0 - above**2))
+    """Cosine of the largest tilt at which a tip that touches the sphere's equator, and stands off it before, passes beside the
+    post or above its end, and the end of the stem, no thicker than the tip, keeps the workspace's clearance off it."""
+    tip, post = workspace.tip_radius, workspace.post_radius or 0.0
+    touching = workspace.sphere_radius + tip
+    stem = min(workspace.tool_radius or 0.0, tip)
+    off = np.linspace(touching, touching + Probing.clearance, POST_POINTS)
+    place, kept = np.append(off, touching - stem), np.append(np.full(POST_POINTS, tip), workspace.clearance)
+    tilt = np.radians(np.arange(0.0, 90.0, 0.01))[:, None]
+    beside, above = place * np.cos(tilt) - post, post_under_sphere(workspace) - place * np.sin(tilt)
+    fits = np.all(np.hypot(np.maximum(beside, 0.0), np.maximum(above, 0.0)) >= kept, axis=1)
+    return float(np.cos(tilt[max(int(fits.sum()) - 1, 0), 0]))
 
 
 def nose_over_table(workspace: Workspace, place: Any, axis: Any) -> list[Any]:

@@ -40,7 +40,7 @@ def lifts(nominal: Nominal, run: Run, row: int, mm: float) -> Iterator[dict[str,
     """The pose with the tool drawn back by `mm`, rotary axes at rest, in every direction that the travel allows.
 
     Directions: along the tool and up from the table (first, where the tool lies flat), up in the machine, between the first
-    two, along the bar, sideways from the table ball.
+    two; along the bar, sideways from the table ball.
     """
     machine = nominal.machine
     pose = {name: np.array([run.commands[name][row]]) for name in machine.axis_names}
@@ -49,7 +49,8 @@ def lifts(nominal: Nominal, run: Run, row: int, mm: float) -> Iterator[dict[str,
     along, up = workpiece.T @ tool[:, 2], np.array([0.0, 0.0, 1.0])
     ways = [along, up] if along[2] >= FLAT else [up, along]
     bar, above = place - np.asarray(run.table_ball), workpiece.T @ up
-    ways += [above, along + up, bar, bar - (bar @ above) * above]
+    ways += [above, along + up]
+    ways += [] if run.length is None else [bar, bar - (bar @ above) * above]
     fixed = {name: q for name, q in pose.items() if machine.axes[name].rotary}
     for way in ways:
         size = float(np.linalg.norm(way))
