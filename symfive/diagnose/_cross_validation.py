@@ -12,7 +12,7 @@ from symfive.diagnose._groups import way
 from symfive.diagnose._hold_out import WORSE
 from symfive.effects import Effect
 from symfive.identify import Identification
-from symfive.inference import Problem, gauss_newton
+from symfive.inference import Noise, Problem, gauss_newton
 from symfive.model import Model
 from symfive.numbers import change, plain_number
 from symfive.threads import one_thread
@@ -82,15 +82,15 @@ def cross_validated(before: Identification, after: Identification) -> Fit:
             first = _held_out(before, folds)
             last = first if same else _held_out(after, folds)
             held[name] = (first.rms, last.rms)
-            expected["run" if name == "runs" else name] = after.rms_um * float(np.sqrt(1.0 + last.uncertainty))
+            expected["run" if name == "runs" else name] = float(np.hypot(after.rms_um, last.uncertainty))
     runs = held.pop("runs")
     return Fit(before.rms_um, after.rms_um, before.chi2_dof, after.chi2_dof, runs[0], runs[1], held, expected)
 
 
 @dataclass(frozen=True)
 class _HeldOut:
-    """Readings that were left out of the fit: `squares` of their residuals, µm², their `count`, and the variance of their
-    prediction that comes from what the rest does not determine, `spread`, the sum over them in variances of the noise."""
+    """Readings that were left out of the fit: `squares` of their residuals, µm², their `count`, and the sum over them of the
+    variances of their prediction that come from what the rest does not determine, `spread`, µm²."""
 
     squares: float = 0.0
     count: int = 0
@@ -103,8 +103,8 @@ class _HeldOut:
 
     @property
     def uncertainty(self) -> float:
-        """The mean of that variance."""
-        return self.spread / max(self.count, 1)
+        """The root of the mean of that variance, µm."""
+        return float(np.sqrt(max(self.spread, 0.0) / max(self.count, 1)))
 
     def beside(self, residuals: Sequence[Array], spread: float) -> _HeldOut:
         """With the residuals of further ones."""
@@ -139,7 +139,7 @@ def _held_out_rows(result: Identification) -> _HeldOut:
         values, _ = gauss_newton(problem, result.values, 1e-2)
         only = np.zeros(run.rows, dtype=bool)
         only[rows] = True
-        seen = whole.information_at(values).matrix - problem.information_at(values).matrix
+        seen = _products(whole, values, result.file_unit) - _products(problem, values, result.file_unit)
         spread = float(np.trace(seen @ _covariance(problem, values)))
         found = found.beside(_residuals(problem, values, result.file_unit, only), spread)
     return found
@@ -176,19 +176,31 @@ def _covariance(problem: Problem, values: Array) -> Array:
     return np.asarray(np.linalg.inv(problem.information_at(values).matrix + np.diag(problem.prior_precision)))
 
 
+def _products(problem: Problem, values: Array, unit: str) -> Array:
+    """Of the slopes (k, k), summed over the readings of a unit, in that unit squared."""
+    only = {
+        (run.id, name)
+        for run in problem.model.campaign.runs
+        for name, columns in problem.parts(run)
+        if problem.unit_of(run, columns) == unit
+    }
+    return replace(problem, noises=dict.fromkeys(problem.noises, Noise(1.0))).information_at(values, only).matrix
+
+
 def _spread(part: Problem, rest: Problem, learnt: Array, result: Identification) -> float:
-    """The variance, in that of the noise and summed over the readings of a part, that what is held there adds by the uncertainty
-    which the rest leaves of it, or its prior, what is free there fitted. Slopes are those about the whole fit: an effect that
-    does nothing may have none."""
+    """The variance, summed over the readings of a part, that what is held there adds by the uncertainty which the rest leaves of
+    it, or its prior, what is free there fitted. Slopes are those about the whole fit: an effect that does nothing may have none.
+    """
     values = part.model.vector({name: v for name, v in result.named.items() if name in part.model.index})
     free, held, prior = np.flatnonzero(part.free), np.flatnonzero(~part.free), np.diag(part.prior_precision)
     part.free = np.ones_like(part.free)
-    matrix = part.information_at(values).matrix
+    matrix, products = part.information_at(values).matrix, _products(part, values, result.file_unit)
     covariance = np.diag(1.0 / part.prior_precision[held])
     where = [rest.model.index.get(part.model.parameters[i].name, -1) for i in held]
     seen = [k for k, number in enumerate(where) if number >= 0]
     own = [number for number in where if number >= 0]
     covariance[np.ix_(seen, seen)] = _covariance(rest, learnt)[np.ix_(own, own)]
-    mixed = matrix[np.ix_(free, held)]
-    taken = mixed.T @ np.linalg.solve(matrix[np.ix_(free, free)] + prior[np.ix_(free, free)], mixed)
-    return float(np.trace((matrix[np.ix_(held, held)] - taken) @ covariance))
+    left = np.zeros((len(values), len(held)))  # what a change of each that is held moves, the free ones following
+    left[held] = np.eye(len(held))
+    left[free] = -np.linalg.solve((matrix + prior)[np.ix_(free, free)], matrix[np.ix_(free, held)])
+    return float(np.trace(left.T @ products @ left @ covariance))

@@ -371,9 +371,9 @@ class Diagnosis(OnScreen):
             )
         if fit.heldout_rms_before_um is not None and fit.heldout_rms_after_um is not None:
             held = change(fit.heldout_rms_before_um, fit.heldout_rms_after_um, unit)
-            lines.append(
-                f"runs left out in turn: rms {held} {unit}" if self.hold_out else f"held-out runs: rms {held} {unit}"
-            )
+            which = "runs left out in turn" if self.hold_out else "held-out runs"
+            expected = plain_number(fit.heldout_expected_um.get("run", fit.rms_after_um), unit)
+            lines.append(f"{which}: rms {held} {unit} (expected {expected} {unit})")
         ratio = change(fit.chi2_dof_before, fit.chi2_dof_after)
         lines.append(f"chi²/dof {ratio} against the declared noise ({expected_ratio(self.after.dof)})")
         if self.findings:

@@ -16,8 +16,10 @@ MOST_GAPS = 500
 
 
 def fit_table(diagnosis: Diagnosis) -> str:
-    """rms, χ²/dof and held-out runs, before and after, each against what noise alone would give."""
+    """rms, χ²/dof and held-out runs, before and after, each against what is expected: of noise alone, and where readings are held
+    out of what the others leave open."""
     fit, noise, unit = diagnosis.fit, diagnosis.noise_um, diagnosis.after.unit
+    open_ = {what: plain_number(rms, unit) for what, rms in fit.heldout_expected_um.items()}
     before, after, held = diagnosis.before, diagnosis.after, diagnosis.hold_out
     aim = plain_number(noise, unit)
     band = expected_ratio(after.dof).removeprefix("noise alone gives ")
@@ -25,8 +27,8 @@ def fit_table(diagnosis: Diagnosis) -> str:
         (f"residual RMS of {'all readings' if held is None else 'the fitted part'}", fit.rms_before_um, fit.rms_after_um, unit,
          aim),
         ("residual RMS of held-out runs (each run in turn)", fit.heldout_rms_before_um, fit.heldout_rms_after_um, unit,
-         aim),
-        *((f"residual RMS, each {what} held out in turn", b, a, unit, aim)
+         open_.get("run", aim)),
+        *((f"residual RMS, each {what} held out in turn", b, a, unit, open_.get(what, aim))
           for what, (b, a) in fit.heldout_by.items()),
         *((f"residual RMS of held-out readings ({part.label})", *part.rms["held_out"], unit, aim)
           for part in (diagnosis.searched, held) if part is not None),
@@ -42,8 +44,8 @@ def fit_table(diagnosis: Diagnosis) -> str:
         for what, old, new, its, goal in lines
         if old is not None
     ]
-    heads = ["quantity", "before", "after", "unit", "noise alone"]
-    return table("Residuals, compared with noise alone", heads, rows)
+    heads = ["quantity", "before", "after", "unit", "expected"]
+    return table("Residuals, compared with what is expected", heads, rows)
 
 
 def _number(value: float | None, unit: str) -> str | Cell:
