@@ -107,6 +107,17 @@ def test_a_play_is_said_as_it_acts() -> None:
     assert "tilts" in make_effect("lateral_play", component="EBX").advice(sizes)[0]
 
 
+def test_a_positioning_error_sends_to_the_measuring_system_of_its_axis() -> None:
+    """A service engineer does not take a table apart for an encoder that is mounted off its axis."""
+    checks = {
+        symbol: make_effect("error_motion", component=symbol).advice({})[1] for symbol in ("ECC", "EXC", "EXX", "EYX")
+    }
+    assert "encoder" in checks["ECC"] and "bearing" not in checks["ECC"]
+    assert "scale" in checks["EXX"] and "guideway" not in checks["EXX"]
+    assert "bearing" in checks["EXC"] and "guideway" not in checks["EXC"]
+    assert "guideway" in checks["EYX"] and "encoder" not in checks["EYX"]
+
+
 def test_signature_is_drawn() -> None:
     figure = plot_signature(make_effect("backlash", "X"), campaign("planar"), {"width": 12.0})
     assert len(figure.axes) == 2 and figure.axes[0].lines
