@@ -101,10 +101,23 @@ def test_a_play_is_said_as_it_acts() -> None:
     """A shop reads in one line whether the play grows along its axis, and whether a carriage shifts or tilts."""
     sizes = {"width": Quantity(6.0, 0.1, "um"), "slope": Quantity(0.03, 0.001, "um/mm")}
     grown, mended = make_effect("backlash", "X", shape="wind_up").advice(sizes)
-    plain = make_effect("backlash", "X").advice(sizes)
+    plain = make_effect("backlash", "X").advice({"width": sizes["width"]})
     assert "unequal backlash" in grown and mended != plain[1]
+    level = {**sizes, "slope": Quantity(0.002, 0.005, "um/mm")}
+    assert make_effect("backlash", "X", shape="wind_up").advice(level) == plain
     assert "sideways" in make_effect("lateral_play", component="EYX").advice(sizes)[0]
     assert "tilts" in make_effect("lateral_play", component="EBX").advice(sizes)[0]
+
+
+def test_a_positioning_error_sends_to_the_measuring_system_of_its_axis() -> None:
+    """A service engineer does not take a table apart for an encoder that is mounted off its axis."""
+    checks = {
+        symbol: make_effect("error_motion", component=symbol).advice({})[1] for symbol in ("ECC", "EXC", "EXX", "EYX")
+    }
+    assert "encoder" in checks["ECC"] and "bearing" not in checks["ECC"]
+    assert "scale" in checks["EXX"] and "guideway" not in checks["EXX"]
+    assert "bearing" in checks["EXC"] and "guideway" not in checks["EXC"]
+    assert "guideway" in checks["EYX"] and "encoder" not in checks["EYX"]
 
 
 def test_signature_is_drawn() -> None:

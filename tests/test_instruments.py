@@ -227,6 +227,12 @@ def test_a_ball_off_its_place_turns_with_the_table():
     cos, sin = np.cos(turn), np.sin(turn)  # C' turns the table by -C
     np.testing.assert_allclose(readings, np.stack([12 * cos - 5 * sin, -12 * sin - 5 * cos, 3 * cos], 1), atol=1e-9)
     assert not [name for name in model.index if ".ball.s2" in name]
+    slipped = Model(Campaign(machine=machine, runs=(run,)), [make_effect("setup_shift", run="r", t_s=1.5)])
+    after = slipped.predict(
+        dict.fromkeys(slipped.index, 0.0) | {"setup_shift.r.shift.x": 2.0, "setup_shift.r.shift.y": 1.0}
+    )["r"]
+    moved = np.stack([2 * cos + sin, -2 * sin + cos, 2 * cos + sin], 1) * (run.time >= 1.5)[:, None]
+    np.testing.assert_allclose(after, moved, atol=1e-9)
 
 
 def test_without_set_up_errors_there_are_fewer_unknowns():

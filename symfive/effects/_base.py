@@ -249,13 +249,13 @@ class Effect:
         return f"setup.{self.key}.start"
 
     def start_of_contact(self, run: Run, axis: str, *, memory: bool = True) -> tuple[Parameter, ...]:
-        """Initial position of a contact between its flanks (-1…+1), before its axis first moves in a run; uniform prior.
+        """Position of a contact between its flanks (-1…+1) until its axis first moves in a run, or throughout it; uniform prior.
 
         In a static run whose second pose is reached by moving the axis the first one counts as approached like the second
         (docs/conventions.md, section 5); so does the first row of what goes by the direction alone and has no `memory`.
         """
         known = 0 if run.dynamic and memory else 1
-        if not known < unmoved(run.commands[axis]) < run.rows:
+        if unmoved(run.commands[axis]) <= known:
             return ()
         name = run.full_name(self.started)
         sigma = 3.0**-0.5  # of what is equally probable in -1…+1

@@ -54,8 +54,9 @@ class Backlash(Effect):
                 yield Form(effect=replace(shapes[first], tag=tag), shapes=others)
 
     def advice(self, sizes: Mapping[str, Quantity]) -> tuple[str, str]:
-        width = sizes.get("width")
-        if self.shape == "wind_up":
+        """A backlash grows along the axis only if its slope is beyond 2σ, from where a report states it."""
+        width, slope = sizes.get("width"), sizes.get("slope", Quantity(0.0, 0.0))
+        if isinstance(slope.value, float) and isinstance(slope.std, float) and abs(slope.value) > 2.0 * slope.std:
             return (
                 "unequal backlash: it grows along the axis (wind-up)",
                 "check the support bearings of the screw, its wear and its torsion at the end where the backlash is larger; one "

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Self
 
@@ -12,6 +13,7 @@ import numpy as np
 from symfive.effects._base import Effect
 from symfive.effects._component import component_of
 from symfive.effects._form import Form, Forms, goes_round, moving
+from symfive.effects._quantity import Quantity
 from symfive.errors import InputError
 from symfive.kinematics import Basis, basis_of
 from symfive.machine import ErrorTerm, Machine, unknown_axis
@@ -24,6 +26,8 @@ FINER = (6, 12)
 DISTINCT = 1e-12
 """Of the Gram matrix of polynomials over a part of the travel: below this reciprocal condition number its double precision no
 longer separates them."""
+ABOUT = "ABC"
+"""Rotary axes by their ISO 841 letters."""
 SMALLEST_SHARE = 0.05
 """Less of a travel than this says nothing about a polynomial over all of it."""
 
@@ -46,7 +50,7 @@ class ErrorMotion(Effect):
     hidden_by = (
         "others with the same readings on one circle (straightness, pitch); a second place or height separates them"
     )
-    action = "enter it in the error table of the axis; if it exceeds the tolerance, check guideway or bearing"
+    action = "enter it in the error table of the axis; if it exceeds the tolerance, check "
     coordinate = "{axis}"
     component: str
     basis: str | tuple[str, ...] = "fourier"
@@ -54,6 +58,20 @@ class ErrorMotion(Effect):
     over: tuple[str, ...] = ()
     knots: tuple[tuple[float, ...], ...] = ()
     sigma: float | None = None
+
+    def advice(self, sizes: Mapping[str, Quantity]) -> tuple[str, str]:
+        """What to check: the measuring system of the axis for its positioning error (`EXX`, `ECC`), else what guides it."""
+        letter, axis = self.component[1], self.component[2:]
+        rotary = axis in ABOUT
+        if letter == axis:
+            part = (
+                "the mounting of its encoder (an eccentric scale: one wave a revolution)"
+                if rotary
+                else "scale or screw"
+            )
+        else:
+            part = "the bearing" if rotary else "guideway or bearing"
+        return self.says, self.action + part
 
     def prepare(self, campaign: Campaign) -> Self:
         machine = campaign.machine

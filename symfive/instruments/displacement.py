@@ -97,9 +97,10 @@ class Displacement(Instrument):
         nominal, _ = row.nominal_poses(commanded)
         actual, _ = row.poses
         readings, balls = [], self._balls(run)
+        slipped = row.table_ball - row.vector("table_ball") - row.setup("table_ball")
         for k, sensor in enumerate(run.options["sensors"], start=1):
             point, direction = ca.DM(list(sensor["position"])), ca.DM(list(sensor["direction"]))
-            off = row.setup(f"ball.s{balls.get(k)}")
+            off = row.setup(f"ball.s{balls[k]}") + slipped if k in balls else ca.DM.zeros(3)
             moved = actual.apply(nominal.apply_inverse(point) + off) - row.shift - point
             value = ca.dot(direction / ca.norm_2(direction), moved) + self._form(row, run, sensor)
             gain = row.parameter(f"setup.gain.s{k}") if row.has(f"setup.gain.s{k}") else 1.0

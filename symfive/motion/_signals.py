@@ -89,9 +89,10 @@ def approach(positions: Array) -> Array:
 
 @dataclass(frozen=True)
 class Direction(_OfAxis):
-    """Direction of the last motion, -1 or +1 (0: the axis never moves).
+    """Direction of the last motion, -1 or +1.
 
-    `start` names what it counts as before the axis' first motion in a run; where the run has none, the first motion's.
+    `start` names what it counts as before the axis' first motion in a run; where the run has none, the first motion's (0: the
+    axis never moves).
     """
 
     start: str = ""
@@ -214,7 +215,7 @@ class PreSliding:
         """The states and their slopes."""
         position = motion.axis(self.axis).position
         direction, distance = approach(position.value), max(abs(motion.values[self.distance]), 1e-12)
-        begins = self.start in motion.values and bool(np.any(direction))
+        begins = self.start in motion.values
         state = direction.copy()
         names = (self.distance, *((self.start,) if begins else ()), *position.tangents)
         slopes = {name: np.zeros(len(direction)) for name in names}
