@@ -249,6 +249,23 @@ def test_what_is_expected_of_left_out_runs_is_what_they_leave_under_slow_noise_t
     assert 0.5 < left / expected < 2.0
 
 
+@pytest.mark.slow
+def test_a_slip_in_a_long_run_is_placed_between_two_rows():
+    """Every seventh of 1,080 rows had been looked at, and a creep that was not there made up for the rest."""
+    machine, rng, row = preset("three-axis"), np.random.default_rng(8), 524
+    circle = {"centre": (0.0, 0.0, 80.0), "radius": 100.0, "feed": 1000.0, "angle_error": 0.0}
+    runs = []
+    for sense in (1, -1):
+        phi = sense * 2.0 * np.pi * np.arange(1080) / 1080
+        slip = 6.0 * np.cos(phi) * (np.arange(1080) >= row) if sense > 0 else 0.0
+        read = slip + 0.3 * rng.standard_normal(1080)
+        runs.append(polar_run(machine, np.degrees(phi), read, id=f"circle{sense}", noise_um=0.3, **circle))
+    (finding,) = diagnose(Campaign(machine=machine, runs=tuple(runs))).findings
+    assert finding.effect.id == "setup_shift" and finding.effect.shape == "step"
+    before, after = runs[0].time[row - 1 : row + 1]
+    assert before < finding.parameters["t_s"].value < after
+
+
 def test_of_a_single_run_no_feed_and_no_place_can_be_left_out():
     read = 0.3 * np.random.default_rng(0).standard_normal(360)
     circle = {"centre": (0.0, 0.0, 80.0), "radius": 100.0, "feed": 1000.0}

@@ -66,7 +66,7 @@ class Scan:
     """Forms of which one parameter is a place, to be found on a grid: `count` places, each a course in time of a `channel`.
 
     `courses` (run) → (N, count); `form` makes the exact form of one place. `axis`: of the channel `axis`.
-    `run`: the only one in which it acts.
+    `run`: the only one in which it acts. `finer` (place): the places about one of them, where these are some of more.
     """
 
     channel: str
@@ -75,6 +75,7 @@ class Scan:
     form: Callable[[int], Form]
     axis: str | None = None
     run: str | None = None
+    finer: Callable[[int], Scan] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any, Self
+from typing import Self
 
 import casadi as ca
 import numpy as np
 
+from symfive.arrays import Array, Indices
 from symfive.effects._base import INSTRUMENT, Effect
 from symfive.effects._coordinates import ROW
 from symfive.effects._form import BALL, Form, Forms, Scan
@@ -91,21 +92,31 @@ class SetupShift(Effect):
     def candidates(cls, campaign: Campaign) -> Forms:
         for run in campaign.runs:
             margin = max(3, run.rows // 50)  # nearer to an end it could not be separated from the set-up
-            rows = np.arange(margin, run.rows - margin, max(1, run.rows // MOST_PLACES))
-            if run.rows < 4 * margin or not run.measured:
-                continue
+            if run.rows >= 4 * margin and run.measured:
+                rows = np.arange(margin, run.rows - margin, max(1, run.rows // MOST_PLACES))
+                yield cls._scan(run, rows, campaign.rows)
 
-            def form(k: int, run: Run = run, rows: Any = rows) -> Form:
-                if not run.has_clock:
-                    return Form(effect=cls(run=run.id, row=int(rows[k]) + 1), places=campaign.rows)
-                instant = 0.5 * float(run.time[rows[k] - 1] + run.time[rows[k]])
-                plain = cls(run=run.id, t_s=instant)
-                return Form(effect=plain, shapes=(replace(plain, shape="creep"),), places=campaign.rows)
+    @classmethod
+    def _scan(cls, run: Run, rows: Indices, places: int) -> Scan:
+        """Of some rows of a run at which it may have begun; about the best of them, of every row."""
 
-            def courses(of: Run, run: Run = run, rows: Any = rows) -> Any:
-                return np.asarray(np.arange(of.rows)[:, None] >= rows, dtype=float) * (of.id == run.id)
+        def form(k: int) -> Form:
+            if not run.has_clock:
+                return Form(effect=cls(run=run.id, row=int(rows[k]) + 1), places=places)
+            instant = 0.5 * float(run.time[rows[k] - 1] + run.time[rows[k]])
+            plain = cls(run=run.id, t_s=instant)
+            return Form(effect=plain, shapes=(replace(plain, shape="creep"),), places=places)
 
-            yield Scan(channel=BALL, count=len(rows), courses=courses, form=form, run=run.id)
+        def courses(of: Run) -> Array:
+            return np.asarray(np.arange(of.rows)[:, None] >= rows, dtype=float) * (of.id == run.id)
+
+        def finer(k: int) -> Scan:
+            return cls._scan(run, np.arange(rows[max(k - 1, 0)], rows[min(k + 1, len(rows) - 1)] + 1), places)
+
+        apart = len(rows) > 1 and rows[1] - rows[0] > 1
+        return Scan(
+            channel=BALL, count=len(rows), courses=courses, form=form, run=run.id, finer=finer if apart else None
+        )
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         found = [self.own(f"shift.{c}", "um", 10.0) for c in "xyz"]

@@ -109,7 +109,8 @@ class _Seen:
         runs = [run for run in self.campaign.runs if scan.run in (None, run.id)]
         h, s = self._beside((scan.channel, scan.axis), runs, lambda run: scan.courses(run)[:, :, None])
         if len(s):
-            yield scan.form(int(np.argmax(np.max([_gain(h, s, width) for width in WIDTHS], axis=0))))
+            best = int(np.argmax(np.max([_gain(h, s, width) for width in WIDTHS], axis=0)))
+            yield from self.course(scan.finer(best)) if scan.finer else [scan.form(best)]
 
     def _beside(self, channel: Channel, runs: Sequence[Run], courses_of: Callable[[Run], Array]) -> tuple[Array, Array]:
         """H (count, d, d) and s (count, d) of a channel's answer along the courses (N, count, m) of every place."""
