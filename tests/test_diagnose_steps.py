@@ -27,6 +27,7 @@ from symfive.diagnose import (
 from symfive.effects import Form, make_effect
 from symfive.identify import identify
 from symfive.machine import EffectEntry, preset
+from symfive.model import Model
 from symfive.posterior import (
     Posterior,
     baseline,
@@ -236,9 +237,17 @@ def test_where_no_single_test_parts_all_that_reads_alike_the_next_ones_come_toge
     assert len(improbable.test.runs) == 1 and not improbable.also
 
 
-def test_a_static_bar_can_be_mounted_elsewhere_in_the_same_poses():
+@pytest.mark.parametrize("instrument", ["ball_bar", "r_test in motion"])
+def test_a_bar_or_a_nest_can_be_mounted_elsewhere_in_the_same_poses(instrument):
+    """A tool ball that stayed mounted over the runs stays so where nothing of it changes."""
     machine = preset("table-bc")
-    run = static_ball_bar(machine, table_balls=[(50.0, 0.0, 60.0)], length=50.0)[0]
+    if instrument == "ball_bar":
+        run = static_ball_bar(machine, table_balls=[(50.0, 0.0, 60.0)], length=50.0)[0]
+    else:
+        run = r_test_grid(machine, nests=((50.0, 0.0, 60.0),))[0]
+        run = replace(run, sampling="dynamic", time=60.0 * np.arange(run.rows))
+    other = "table_ball" if instrument == "ball_bar" else "zero"
+    run = replace(run, mounting={"tool_ball": "1", other: "2"})
     tests = {test.id.removeprefix(f"{run.id}-"): test for test in possible_tests(campaign_of(machine, [run]))}
     assert {"repeat", "reversed", "opposite", "turned", "higher", "longer-tool"} <= set(tests)
     nominal = Nominal(machine)
@@ -249,6 +258,9 @@ def test_a_static_bar_can_be_mounted_elsewhere_in_the_same_poses():
             name
         )
         assert all(np.array_equal(test.commands[n], run.commands[n]) for n in ("B", "C")), name
+        assert test.mounting.get("tool_ball") == (None if name == "longer-tool" else "1"), name
+        assert test.mounting.get(other) == ("2" if name == "longer-tool" and other == "table_ball" else None), name
+        Model(campaign_of(machine, [run, test]))
 
 
 def test_tests_to_choose_from_have_the_rows_that_the_recorder_lost():

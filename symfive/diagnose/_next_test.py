@@ -103,8 +103,14 @@ def possible_tests(campaign: Campaign) -> Iterator[Run]:
 
 
 def _named(run: Run, name: str, changed: Run) -> Run:
-    label = f"{run.id}-{name}"
-    return replace(changed, id=label, file=f"{label}.csv")
+    """What a run is changed to under a name of its own; what is mounted otherwise has a mounting of its own."""
+    label, balls = f"{run.id}-{name}", ("table_ball", "tool_ball")
+
+    def stays(*places: str) -> bool:
+        return all(getattr(changed, place) == getattr(run, place) for place in places)
+
+    kept = {k: v for k, v in run.mounting.items() if (stays(k) if hasattr(run, k) else stays(*balls))}
+    return replace(changed, id=label, file=f"{label}.csv", mounting=kept)
 
 
 def _reversed(run: Run) -> Run:
@@ -120,6 +126,8 @@ def _dynamic(campaign: Campaign, run: Run) -> Iterator[Run]:
     yield _reversed(run)
     if _planar(campaign, run):
         yield from _centres(campaign, run)
+    elif run.instrument in (("ball_bar",), ("r_test",)):
+        yield from _mounted_elsewhere(campaign, run)
     if _planar(campaign, run) or _synchronous(campaign, run):
         yield from _planes(campaign, run)
 
@@ -150,7 +158,7 @@ def _mountings(run: Run) -> dict[str, tuple[Vector, Vector]]:
 
 
 def _mounted_elsewhere(campaign: Campaign, run: Run) -> Iterator[Run]:
-    """The same bar in the same poses with its table ball at another place, or with a longer tool."""
+    """The same poses or path of a bar or an R-test with the table ball at another place, or with a longer tool."""
     nominal, (x, y, z) = Nominal(campaign.machine), run.table_ball
     turned = {n: run.commands[n] for n, a in campaign.machine.axes.items() if a.rotary}
     bar = nominal.ball(run.commands, run.tool_ball) - np.asarray(run.table_ball)

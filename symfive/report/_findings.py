@@ -64,7 +64,9 @@ def _squareness(diagnosis: Diagnosis) -> tuple[str, ...]:
 
 def _sight(diagnosis: Diagnosis) -> str:
     machine = diagnosis.after.model.machine
-    faint = [form_words(o.form, machine) for o in diagnosis.observability if o.sigmas < FAINT_SIGMAS]
+    found = {finding.effect.key for finding in diagnosis.findings}  # larger than usual, then
+    weak = (o for o in diagnosis.observability if o.sigmas < FAINT_SIGMAS and o.form not in found)
+    faint = [form_words(o.form, machine) for o in weak]
     said = f"{len(diagnosis.observability)} effects were tested"
     if faint:
         more = f" and {len(faint) - SHOWN_FAINT} more" if len(faint) > SHOWN_FAINT else ""
