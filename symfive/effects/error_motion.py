@@ -26,8 +26,8 @@ FINER = (6, 12)
 DISTINCT = 1e-12
 """Of the Gram matrix of polynomials over a part of the travel: below this reciprocal condition number its double precision no
 longer separates them."""
-ABOUT = "ABC"
-"""Rotary axes by their ISO 841 letters."""
+ABOUT, GUIDES = "ABC", "guideway or bearing"
+"""Rotary axes by their ISO 841 letters; what guides an axis."""
 SMALLEST_SHARE = 0.05
 """Less of a travel than this says nothing about a polynomial over all of it."""
 
@@ -50,7 +50,7 @@ class ErrorMotion(Effect):
     hidden_by = (
         "others with the same readings on one circle (straightness, pitch); a second place or height separates them"
     )
-    action = "enter it in the error table of the axis; if it exceeds the tolerance, check "
+    action = "enter it in the error table of the axis; if it exceeds the tolerance, check guideway or bearing"
     coordinate = "{axis}"
     component: str
     basis: str | tuple[str, ...] = "fourier"
@@ -62,16 +62,14 @@ class ErrorMotion(Effect):
     def advice(self, sizes: Mapping[str, Quantity]) -> tuple[str, str]:
         """What to check: the measuring system of the axis for its positioning error (`EXX`, `ECC`), else what guides it."""
         letter, axis = self.component[1], self.component[2:]
-        rotary = axis in ABOUT
+        part = "the bearing" if axis in ABOUT else GUIDES
         if letter == axis:
             part = (
                 "the mounting of its encoder (an eccentric scale: one wave a revolution)"
-                if rotary
+                if axis in ABOUT
                 else "scale or screw"
             )
-        else:
-            part = "the bearing" if rotary else "guideway or bearing"
-        return self.says, self.action + part
+        return self.says, self.action.replace(GUIDES, part)
 
     def prepare(self, campaign: Campaign) -> Self:
         machine = campaign.machine
