@@ -11,10 +11,11 @@ import pytest
 
 from symfive import cli
 from symfive.campaign import Campaign, Run, write_campaign
-from symfive.diagnose import Diagnosis, diagnose, held_out_square, parted, root
-from symfive.effects import make_effect
+from symfive.diagnose import Diagnosis, diagnose, held_out, held_out_square, parted, root, withdraw
+from symfive.effects import Form, make_effect
 from symfive.errors import InputError
 from symfive.machine import ErrorTerm, Machine, Structure, make_axis
+from symfive.posterior import baseline, moments_of, refitted
 from symfive.report import diagnosis_text
 from symfive.simulate import simulate
 
@@ -142,6 +143,21 @@ def test_a_finding_that_is_refuted_is_withdrawn_and_said(refuted: Diagnosis) -> 
     data = json.loads(json.dumps(refuted.to_data()))["hold_out"]
     assert data["held_out"] == "run r3" and data["withdrawn"][0]["axis"] == "X"
     assert data["rms_after_um"].keys() == data["readings"].keys() == {"all", "fitted", "held_out"}
+
+
+def test_what_is_nothing_without_a_withdrawn_effect_is_withdrawn_with_it() -> None:
+    """A shift beside a refuted play stayed a finding of 0.0σ with the confidence that it had beside the play."""
+    with_play, without = axis_test(runs=4), axis_test(width=0.0, runs=4, seed=4)
+    whole = replace(with_play, runs=(*with_play.runs[:3], without.runs[3]))
+    _, split = parted(whole, "runs:r3")
+    learnt = split.fitted(whole)
+    effects = [make_effect("backlash", "X"), make_effect("setup_shift", run="r0", t_s=28.5)]
+    before = baseline(learnt)
+    here = refitted(moments_of(before, (), [Form(effect=e.prepare(learnt)) for e in effects]), ((0, 1.0), (1, 1.0)))
+    left, gone = withdraw(here, before, whole, split)
+    assert not left.held and [w.effect.id for w in gone] == ["backlash", "setup_shift"]
+    said = held_out(before, left.fit, whole, split, gone).sentences("µm")
+    assert "predicted run r3 worse" in said[0] and said[1] == "Withdrawn: setup shift is below 2σ without it."
 
 
 @pytest.mark.slow

@@ -26,6 +26,7 @@ from symfive.posterior import (
     Verdict,
     laws_apart,
     refitted,
+    sigmas_from_nothing,
 )
 from symfive.threads import one_thread
 
@@ -253,7 +254,7 @@ def _finding(
         log_p=min(_log_nothing(posterior, v.term) for v in cause.verdicts), share=share, moved=moved(without, after),
         contribution=cause.contribution,
         visible=next((o.visible for o in location.observability if o.form == effect.key), 1.0),
-        alias=tuple(alias), by_experience=verdict.by_experience, sigmas=_sigmas_from_nothing(apart, effect),
+        alias=tuple(alias), by_experience=verdict.by_experience, sigmas=sigmas_from_nothing(apart, effect),
         further=tuple((e, sizes(e)) for e in cause.effects[1:]),
         discrepancies=tuple((e, sizes(e)) for e in cause.discrepancies),
     )  # fmt: skip
@@ -300,12 +301,3 @@ def _covariance(fit: Identification, effect: Effect) -> dict[tuple[str, str], fl
         for a, i in zip(names, place, strict=True)
         for b, j in zip(names, place, strict=True)
     }
-
-
-def _sigmas_from_nothing(fit: Identification, effect: Effect) -> float:
-    """By how many σ all amplitudes of an effect together differ from those at which it does nothing: √(dᵀ C⁻¹ d), C their
-    covariance in the fit (A. Wald 1943)."""
-    own = [fit.model.index[p.name] for p in effect.amplitudes(fit.model.campaign)]
-    sigma = fit.model.prior_sigma[own]
-    away, spread = (fit.values - fit.model.prior_mean)[own] / sigma, fit.covariance[np.ix_(own, own)]
-    return float(np.sqrt(away @ np.linalg.lstsq(spread / np.outer(sigma, sigma), away, rcond=None)[0]))

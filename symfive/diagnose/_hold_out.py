@@ -17,7 +17,7 @@ from symfive.identify import Identification
 from symfive.inference import Problem, gauss_newton
 from symfive.model import Model
 from symfive.numbers import change, unit_words
-from symfive.posterior import Expansion
+from symfive.posterior import Expansion, sigmas_from_nothing
 from symfive.threads import one_thread
 
 __all__ = [
@@ -30,12 +30,15 @@ TOLERANCE = 1e-2
 """Share of its 1σ by which no set-up error moves any more."""
 WORSE = 0.01
 """A held-out part counts as worse by this share; less may be chance."""
+NOTHING = 2.0
+"""σ below which an effect is none (k = 2)."""
 PARTS = {"all": "of all readings", "fitted": "of the fitted part", "held_out": "of the held-out part"}
 
 
 @dataclass(frozen=True)
 class Withdrawn:
-    """An effect that worsens the prediction of the held-out part: rms of that part without and with it."""
+    """An effect that worsens the prediction of the held-out part: rms of that part without and with it; alike where it is nothing
+    beside what remains."""
 
     effect: Effect
     rms_without_um: float
@@ -66,6 +69,8 @@ class HoldOut:
         """One sentence per withdrawn effect; the last gives the rms of each part, before → after."""
         gone = [
             f"Withdrawn: {w.words} predicted {self.label} worse, {change(w.rms_without_um, w.rms_with_um, unit)} {unit}."
+            if w.rms_with_um > w.rms_without_um
+            else f"Withdrawn: {w.words} is below {NOTHING:g}σ without it."
             for w in self.withdrawn
         ]
         sizes = [f"{words} {change(*self.rms[part], unit)} {unit}" for part, words in PARTS.items()]
@@ -150,8 +155,9 @@ def withdraw(
     here: Expansion, before: Identification, campaign: Campaign, split: Split
 ) -> tuple[Expansion, tuple[Withdrawn, ...]]:
     """The fit without the effects, and discrepancies, that make the held-out part of the campaign worse, one after the other, the
-    worst first; all else is identified anew each time. What remains predicts it no worse than the baseline `before`, which is all
-    that remains if need be. Raises `InputError` where no held-out reading has the unit of the fit's."""
+    worst first; all else is identified anew each time, and what is nothing then is withdrawn too. What remains predicts it no
+    worse than the baseline `before`, which is all that remains if need be. Raises `InputError` where no held-out reading has the
+    unit of the fit's."""
     unit, gone = here.fit.file_unit, list[Withdrawn]()
 
     if not held_out_square(here.fit, campaign, split, unit)[1]:
@@ -168,6 +174,10 @@ def withdraw(
         if least >= len(here.discrepancies):
             gone.append(Withdrawn(forms[least].effect, sizes[least], now))
         here, now = others[least], sizes[least]
+        for effect in [f.effect for f in here.held if sigmas_from_nothing(here.fit, f.effect) < NOTHING]:
+            here = here.without([effect.key])
+            now = _held_out_rms(here.fit, campaign, split)
+            gone.append(Withdrawn(effect, now, now))
     if now > (1.0 + WORSE) * plain:  # no single one is to blame: all, and the noise that was found with them
         gone += [Withdrawn(form.effect, plain, now) for form in here.held]
         here = replace(here, fit=before, held=(), discrepancies=())

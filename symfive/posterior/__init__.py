@@ -15,7 +15,16 @@ from symfive.posterior._coarse import coarsened, contradicted, misfit
 from symfive.posterior._decide import SAME, Verdict, decide, verdicts_on
 from symfive.posterior._evidence import log_evidence, solution
 from symfive.posterior._explore import Posterior, Subset, explore
-from symfive.posterior._fit import WHITE, Expansion, baseline, fitted, linear_estimate, over_all, refitted
+from symfive.posterior._fit import (
+    WHITE,
+    Expansion,
+    baseline,
+    fitted,
+    linear_estimate,
+    over_all,
+    refitted,
+    sigmas_from_nothing,
+)
 from symfive.posterior._moments import Moments, moments_of
 from symfive.posterior._noise import grams, nodes_of
 from symfive.posterior._polish import expanded, polish
@@ -26,5 +35,5 @@ __all__ = [
     "EXPECTED", "SAME", "WHITE", "WIDTHS", "Candidates", "Expansion", "Moments", "Name", "Posterior", "Subset", "Sweep", "Term",
     "Verdict", "baseline", "candidates", "coarsened", "contradicted", "decide", "expanded", "explore", "fitted", "grams",
     "laws_apart", "linear_estimate", "log_evidence", "log_width", "misfit", "moments_about", "moments_of", "name_of",
-    "nearest_width", "nodes_of", "over_all", "polish", "refitted", "solution", "verdicts_on", "widths_of",
+    "nearest_width", "nodes_of", "over_all", "polish", "refitted", "sigmas_from_nothing", "solution", "verdicts_on", "widths_of",
 ]  # fmt: skip

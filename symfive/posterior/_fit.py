@@ -61,6 +61,15 @@ class Expansion:
         return frozenset((form.effect.key, form.effect.coordinate) for form in self.held)
 
 
+def sigmas_from_nothing(fit: Identification, effect: Effect) -> float:
+    """By how many σ all amplitudes of an effect together differ from those at which it does nothing: √(dᵀ C⁻¹ d), C their
+    covariance in the fit (A. Wald 1943)."""
+    own = [fit.model.index[p.name] for p in effect.amplitudes(fit.model.campaign)]
+    sigma = fit.model.prior_sigma[own]
+    away, spread = (fit.values - fit.model.prior_mean)[own] / sigma, fit.covariance[np.ix_(own, own)]
+    return float(np.sqrt(away @ np.linalg.lstsq(spread / np.outer(sigma, sigma), away, rcond=None)[0]))
+
+
 def baseline(campaign: Campaign) -> Identification:
     """The fit of the baseline model, with white noise of the declared size."""
     return fitted(Model(campaign), [{}], WHITE, 1.0)
