@@ -13,6 +13,7 @@ from symfive.numbers import in_words, percent, plain_number, rounded, unit_words
 from symfive.report._geometry import moved_table
 from symfive.report._page import fragment
 from symfive.report._tables import Cell, table
+from symfive.screen import plural
 
 MOST_RIVALS = 6
 LEAST_RIVAL = 1e-4
@@ -35,7 +36,7 @@ def card(number: int, finding: Finding, diagnosis: Diagnosis, picture: Markup) -
         facts=_facts(finding, diagnosis),
         parameters=_parameters(finding),
         intervals=_intervals(finding),
-        count=len(finding.intervals[:MOST_INTERVALS]),
+        sections=plural(len(finding.intervals[:MOST_INTERVALS]), "section"),
         moved=moved_table(finding, diagnosis.after) if finding.moved else "",
         picture=picture,
         alternatives=_alternatives(shown, rest) if shown else "",

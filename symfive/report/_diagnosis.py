@@ -29,6 +29,7 @@ from symfive.report._report import FIGURES, keep
 from symfive.report._standards import standards_section, worth_section
 from symfive.report._style import Tips
 from symfive.report._tables import noise_table, outlier_table, setup_table
+from symfive.screen import plural
 
 NAME = "report.html"
 IN_SHORT = ("where", "how large", "how sure", "costs")
@@ -61,7 +62,8 @@ def diagnosis_report(diagnosis: Diagnosis, folder: Path | str) -> Path:
 def _head(diagnosis: Diagnosis, findings: Sequence[Finding]) -> dict[str, object]:
     model = diagnosis.after.model
     campaign, machine = model.campaign, model.machine
-    facts = f"Campaign {campaign.name}; structure {machine.structure.code}; {len(campaign.runs)} runs, {campaign.rows} rows."
+    runs = plural(len(campaign.runs), "run")
+    facts = f"Campaign {campaign.name}; structure {machine.structure.code}; {runs}, {campaign.rows} rows."
     title = "Machine chain with the place of each finding"
     return {
         "facts": facts,

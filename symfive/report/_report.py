@@ -25,6 +25,7 @@ from symfive.report._standards import standards_section, worth_section
 from symfive.report._style import Tips, rendered
 from symfive.report._tables import noise_table, outlier_table, parameter_table, setup_table
 from symfive.report._words import confounded_machine, confounded_setup, verdict
+from symfive.screen import plural
 
 FORMATS = ("png", "svg", "pdf")
 NAME = "identification.html"
@@ -157,7 +158,7 @@ def _facts(identification: Identification) -> list[str]:
     return [
         f"Campaign {campaign.name}",
         f"structure {machine.structure.code}",
-        f"{len(campaign.runs)} runs, {campaign.rows} rows",
+        f"{plural(len(campaign.runs), 'run')}, {campaign.rows} rows",
         f"{shared} parameters of the machine and its effects, {len(identification.parameters) - shared} of set-up",
         f"the readings determine {identification.rank} of {len(identification.parameters)} parameters",
         f"method {identification.method}",
