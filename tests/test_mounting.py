@@ -185,7 +185,7 @@ def test_nothing_is_found_behind_a_ball_that_stays_where_nothing_is_wrong(tmp_pa
 
 def _planned(setups: int) -> Plan:
     machine = location_only("table-bc")
-    return plan(machine, instrument="r_test", points=8, setups=setups, starts=1, anywhere=False, prove=False)
+    return plan(machine, instrument="r_test", points=12, setups=setups, starts=1, anywhere=False, prove=False)
 
 
 @pytest.mark.slow

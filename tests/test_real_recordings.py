@@ -67,8 +67,8 @@ def test_emps_without_its_friction_gets_a_friction_and_the_instant_of_its_force(
     found = diagnose(replace(full, runs=tuple(bare)), exclude=("varying",))
     first = found.findings[0]
     assert (first.name, first.axis) == ("friction", "X") and first.confidence > 0.8
-    offset = first.parameters["offset"]  # N, published -3.16; beside an asymmetry that nothing asks for it was -0.6
-    assert abs(offset.value + 3.16) < 2.0 * offset.std < 3.0
+    offset = first.parameters["offset"]  # N, published -3.16; its law and what that is off by share it
+    assert abs(offset.value + 3.16) < 2.0 * offset.std < 6.0
     sizes = {
         name: size
         for f in found.findings
@@ -77,7 +77,7 @@ def test_emps_without_its_friction_gets_a_friction_and_the_instant_of_its_force(
     }
     assert sizes["delay_ms"].value == pytest.approx(-0.87, abs=0.05)
     assert abs(found.after["drive_force.X.mass"] - 95.11) < 0.5
-    assert found.after.rms["N"] < 1.3 and found.fit.heldout_rms_after_um < 0.2 * found.fit.heldout_rms_before_um
+    assert found.after.rms["N"] < 1.0 and found.fit.heldout_rms_after_um < 0.2 * found.fit.heldout_rms_before_um
 
 
 def test_emps_least_squares_agrees_with_the_published_model() -> None:

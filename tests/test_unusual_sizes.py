@@ -51,9 +51,8 @@ def test_backlash_is_found_at_any_size(size: float) -> None:
 )  # fmt: skip
 def test_an_axis_that_goes_too_far_is_not_advised_to_be_compensated_more(sign: float, word: str) -> None:
     """A negative width: the compensation in the control is too large."""
-    ways = np.tile(np.r_[np.arange(-80.0, 81.0, 40.0), np.arange(80.0, -81.0, -40.0)], 4)
-    came = np.sign(np.diff(ways, prepend=-120.0))
-    came[came == 0.0] = -1.0
+    ways = np.tile(np.r_[np.arange(-80.0, 81.0, 40.0), np.arange(80.0, -81.0, -40.0) - 1e-6], 4)
+    came = np.sign(np.diff(ways, prepend=-120.0))  # 80 mm is read from both sides, as after an overrun
     readings = sign * came + np.random.default_rng(2).normal(0.0, 0.1, len(ways))
     run = Run(
         id="laser", instrument=("laser",), sampling="static", time=4.0 * np.arange(len(ways)), commands={"X": ways},
