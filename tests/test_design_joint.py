@@ -126,12 +126,12 @@ def test_the_certificate_of_two_instruments_holds() -> None:
 
 @pytest.mark.slow
 def test_two_instruments_share_the_minutes_where_the_better_one_does_not_as_well(tmp_path: Path) -> None:
-    """By 0.3 %, less than the search scatters from seed to seed."""
-    made = plan_together("oyama-2010", ("r_test", "ball_bar"), minutes=20.0, seed=1)
+    """By 0.7 %, less than the search scatters from seed to seed."""
+    made = plan_together("oyama-2010", ("r_test", "ball_bar"), minutes=25.0, seed=1)
     assert [part.instrument for part in made.parts] == ["ball_bar", "r_test"]
-    assert made.minutes <= 20.0
+    assert made.minutes <= 25.0
     value = _mean_variance(made.campaign)
-    alone = plan_together("oyama-2010", ("ball_bar",), minutes=20.0, seed=1, certify=False)
+    alone = plan_together("oyama-2010", ("ball_bar",), minutes=25.0, seed=1, certify=False)
     assert value < _mean_variance(alone.campaign)
     assert made.certificate is not None and made.certificate.efficiency > 0.85
     assert math.exp(made.certificate.value) == pytest.approx(value, rel=1e-6)

@@ -177,7 +177,7 @@ def what_dominates(space: Space, task: Task, rows: Rows) -> list[str]:
     )
     worst = now - 2.0 * math.log(NOISE_HARDLY)
     few = next((n for n in range(least, count) if task.value(prior + n / count * read) <= worst), count)
-    enough = f", {few} of the {count} do as well" if few < count else ""
+    enough = f", {few} of the {count} do as well" if 2 * few <= count else ""
     return [
         f"more poses in these set-ups hardly help{enough}: {task.criterion.name} is {_size(task, now)}, with {MORE:g} times as "
         f"many {_size(task, more)}; {name}{sigma.get(name, '')} dominates, and exactly known leaves {_size(task, known[name])}: "
