@@ -17,7 +17,7 @@ from symfive.identify import Identification
 from symfive.inference import Problem, gauss_newton
 from symfive.model import Model
 from symfive.numbers import change, unit_words
-from symfive.posterior import Expansion, sigmas_from_nothing
+from symfive.posterior import SAME, Expansion, sigmas_from_nothing
 from symfive.threads import one_thread
 
 __all__ = [
@@ -30,8 +30,6 @@ TOLERANCE = 1e-2
 """Share of its 1σ by which no set-up error moves any more."""
 WORSE = 0.01
 """A held-out part counts as worse by this share; less may be chance."""
-NOTHING = 2.0
-"""σ below which an effect is none (k = 2)."""
 PARTS = {"all": "of all readings", "fitted": "of the fitted part", "held_out": "of the held-out part"}
 
 
@@ -70,7 +68,7 @@ class HoldOut:
         gone = [
             f"Withdrawn: {w.words} predicted {self.label} worse, {change(w.rms_without_um, w.rms_with_um, unit)} {unit}."
             if w.rms_with_um > w.rms_without_um
-            else f"Withdrawn: {w.words} is below {NOTHING:g}σ without it."
+            else f"Withdrawn: {w.words} is below 2σ without it."
             for w in self.withdrawn
         ]
         sizes = [f"{words} {change(*self.rms[part], unit)} {unit}" for part, words in PARTS.items()]
@@ -174,7 +172,7 @@ def withdraw(
         if least >= len(here.discrepancies):
             gone.append(Withdrawn(forms[least].effect, sizes[least], now))
         here, now = others[least], sizes[least]
-        for effect in [f.effect for f in here.held if sigmas_from_nothing(here.fit, f.effect) < NOTHING]:
+        for effect in [f.effect for f in here.held if 0.5 * sigmas_from_nothing(here.fit, f.effect) ** 2 < SAME]:
             here = here.without([effect.key])
             now = _held_out_rms(here.fit, campaign, split)
             gone.append(Withdrawn(effect, now, now))
