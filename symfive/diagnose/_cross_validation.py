@@ -79,8 +79,8 @@ def cross_validated(before: Identification, after: Identification) -> Fit:
     held, expected = {}, {}
     for name, folds in ways.items():
         if len(folds) > 1 or name == "runs":
-            first = _held_out(before, folds)
-            last = first if same else _held_out(after, folds)
+            last = _held_out(after, folds, uncertain=True)
+            first = last if same else _held_out(before, folds)
             held[name] = (first.rms, last.rms)
             expected["run" if name == "runs" else name] = float(np.hypot(after.rms_um, last.uncertainty))
     runs = held.pop("runs")
@@ -112,10 +112,11 @@ class _HeldOut:
         return _HeldOut(self.squares + squares, self.count + count, self.spread + spread)
 
 
-def _held_out(result: Identification, folds: Sequence[Sequence[str]]) -> _HeldOut:
-    """Runs that were left out of the fit, fold by fold, each with its own set-up fitted; of a single run, its quarters."""
+def _held_out(result: Identification, folds: Sequence[Sequence[str]], *, uncertain: bool = False) -> _HeldOut:
+    """Runs that were held out of the fit, fold by fold, each with its own set-up fitted; of a single run, its quarters. With
+    their `spread` where it is asked how `uncertain` their prediction is."""
     if len(folds) == 1:
-        return _held_out_rows(result)
+        return _held_out_rows(result, uncertain)
     campaign, found = result.model.campaign, _HeldOut()
     for fold in folds:
         rest = [run.id for run in campaign.runs if run.id not in fold]
@@ -125,11 +126,12 @@ def _held_out(result: Identification, folds: Sequence[Sequence[str]]) -> _HeldOu
         known |= rest_part.model.named(learnt)
         known = {name: value for name, value in known.items() if not name.startswith("setup.")}
         part, values = _part(result, fold, result.model.added, known)
-        found = found.beside(_residuals(part, values, result.file_unit), _spread(part, rest_part, learnt, result))
+        residuals = _residuals(part, values, result.file_unit)
+        found = found.beside(residuals, _spread(part, rest_part, learnt, result) if uncertain else 0.0)
     return found
 
 
-def _held_out_rows(result: Identification) -> _HeldOut:
+def _held_out_rows(result: Identification, uncertain: bool) -> _HeldOut:
     """The quarters of a single run, each left out of the fit in turn."""
     (run,), found = result.model.campaign.runs, _HeldOut()
     whole = result.problem()
@@ -139,8 +141,10 @@ def _held_out_rows(result: Identification) -> _HeldOut:
         values, _ = gauss_newton(problem, result.values, 1e-2)
         only = np.zeros(run.rows, dtype=bool)
         only[rows] = True
-        seen = _products(whole, values, result.file_unit) - _products(problem, values, result.file_unit)
-        spread = float(np.trace(seen @ _covariance(problem, values)))
+        spread = 0.0
+        if uncertain:
+            seen = _products(whole, values, result.file_unit) - _products(problem, values, result.file_unit)
+            spread = float(np.trace(seen @ _covariance(problem, values)))
         found = found.beside(_residuals(problem, values, result.file_unit, only), spread)
     return found
 
