@@ -172,10 +172,11 @@ def withdraw(
         if least >= len(here.discrepancies):
             gone.append(Withdrawn(forms[least].effect, sizes[least], now))
         here, now = others[least], sizes[least]
-        for effect in [f.effect for f in here.held if 0.5 * sigmas_from_nothing(here.fit, f.effect) ** 2 < SAME]:
-            here = here.without([effect.key])
-            now = _held_out_rms(here.fit, campaign, split)
-            gone.append(Withdrawn(effect, now, now))
+        for effect in [form.effect for form in here.held]:  # each beside what remains by then
+            if 0.5 * sigmas_from_nothing(here.fit, effect) ** 2 < SAME:
+                here = here.without([effect.key])
+                now = _held_out_rms(here.fit, campaign, split)
+                gone.append(Withdrawn(effect, now, now))
     if now > (1.0 + WORSE) * plain:  # no single one is to blame: all, and the noise that was found with them
         gone += [Withdrawn(form.effect, plain, now) for form in here.held]
         here = replace(here, fit=before, held=(), discrepancies=())
