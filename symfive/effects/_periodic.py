@@ -37,7 +37,7 @@ LEAST_CYCLES = 4.0
 CYCLES = 3.0
 """Cycles within its reach from which on an axis shows what comes back."""
 MANY = 500
-"""Uneven targets (ISO 230-2) tell apart as many frequencies within their reach, at most; more positions are no targets."""
+"""Uneven targets (ISO 230-2) separate as many frequencies within their reach, at most; more positions are no targets."""
 ALIKE = 0.999
 """Mean of exp(2πi·f·position), as a share of that at 0, from which on a frequency reads like 0: of even targets 1 at 1/step."""
 ROUNDING = float(np.sqrt(np.finfo(float).eps))

@@ -200,7 +200,7 @@ def positioning_run(
 
 
 def _from_both_sides(target: Array) -> Array:
-    """Targets (N,) in measured order, told apart where an axis turns back at one that is read twice as often as others: what is
+    """Targets (N,) in measured order, separate where an axis turns back at one that is read twice as often as others: what is
     read there first is read where the axis came from, the other half after an overrun."""
     way = np.array(target)
     stops = np.split(np.arange(len(way)), np.flatnonzero(np.diff(way)) + 1)
