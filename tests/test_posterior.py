@@ -320,6 +320,19 @@ def test_what_is_late_is_looked_at_about_several_times(effect: str, parameter: s
     assert linear_estimate(found, best, log_evidence(found, best))[1][name] == pytest.approx(150.0, abs=20.0)
 
 
+def test_a_drift_is_one_law_and_not_a_sum_of_several() -> None:
+    """Three onsets in three directions are any curve: they were three names, one above 97 %, for what no name has."""
+    plan = read_campaign(CAMPAIGNS / "static-none" / "fit")
+    one, other = make_effect("thermal_drift"), make_effect("thermal_drift", shape="delayed", tag="late")
+    heat = {"thermal_drift.amplitude.y": 15.0, "thermal_drift.late.amplitude.x": -20.0}
+    heated = simulate(plan, truth=heat, effects=[one, other], seed=2).campaign
+    every = candidates(heated)
+    moments = moments_about(expanded(baseline(heated), (), every)[0], every)
+    drifts = {t for t, term in enumerate(moments.terms) if term.effect.id == "thermal_drift"}
+    assert any(moments.terms[t].effect.shape == "delayed" for t in drifts)
+    assert {len(drifts & {t for t, _ in subset}) for subset in explore(moments, named=True).mass} == {0, 1}
+
+
 def test_all_unidentified_effects_share_one_prior(moments: Moments) -> None:
     """Else it grows with the coordinates of a campaign, and an exact tie goes to what has no name."""
     priors = [t.log_prior + np.log(t.form.places) for t in moments.terms if t.effect.unidentified]

@@ -47,11 +47,12 @@ class Form:
     sigma: float = 1.0
     directions: int = 0
     measured: bool = False
+    once: bool = False
 
     @property
     def placed(self) -> bool:
         """Whether a scan picked its place; then others of its name may act at other places."""
-        return self.places > 1.0
+        return self.places > 1.0 and not self.once
 
     def proportional(self, campaign: Campaign) -> bool:
         """Whether the readings are proportional to its amplitudes, whatever their size: it moves no drive and no play, and no

@@ -69,7 +69,7 @@ class ThermalDrift(Effect):
 
         def form(place: int) -> Form:
             late = cls(shape="delayed", onset_s=(place + 1) * step, onset_sigma_s=step, tag="delayed")
-            return Form(effect=late, places=ONSETS)
+            return Form(effect=late, places=ONSETS, once=True)
 
         def courses(run: Run) -> Array:
             since = run.start_s + np.asarray(run.time)[:, None] - step * np.arange(1, ONSETS + 1)
