@@ -23,8 +23,8 @@ __all__ = [
     "WHITE", "Expansion", "baseline", "expansion", "fitted", "linear_estimate", "over_all", "refitted", "settled",
 ]  # fmt: skip
 
-STEPS, TOLERANCE = 15, 1e-2
-"""Of Gauss-Newton, and the share of its posterior 1σ by which no parameter moves any more: a hundredth changes no evidence."""
+TOLERANCE = 1e-2
+"""Share of its posterior 1σ by which no parameter moves any more: a hundredth changes no evidence."""
 WHITE = Node(0.0, 0.0, 0.0)
 """The noise that is declared."""
 
@@ -88,9 +88,9 @@ def fitted(
     with np.errstate(all="ignore"):  # a trial may make a drive unstable
         squares = [problem.information_at(v).square for v in vectors] if len(vectors) > 1 else [0.0]
         values = vectors[int(np.argmin(np.nan_to_num(squares, nan=np.inf)))]
-        values, converged = gauss_newton(problem, values, TOLERANCE, STEPS)
+        values, converged = gauss_newton(problem, values, TOLERANCE)
         if like is None and problem.flag_outliers(problem.survey(values), values):
-            values, converged = gauss_newton(problem, values, TOLERANCE, STEPS)
+            values, converged = gauss_newton(problem, values, TOLERANCE)
         fit = summarise(problem, values, converged)
     return fit if like is None else replace(fit, outliers=like.outliers)
 
