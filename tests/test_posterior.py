@@ -16,6 +16,7 @@ from symfive.campaign import read_campaign
 from symfive.effects import EFFECTS, Form, Scan, Tone, make_effect
 from symfive.effects.backlash import SHAPES
 from symfive.inference import whiten
+from symfive.machine import preset
 from symfive.model import Model
 from symfive.posterior import (
     WHITE,
@@ -44,6 +45,7 @@ from symfive.posterior import (
 )
 from symfive.posterior._evidence import Turned
 from symfive.posterior._scale import least, solved  # two scales of the noise, matrices that rounding has spoilt
+from symfive.procedures import campaign_of, r_test_grid
 from symfive.simulate import simulate
 
 
@@ -331,6 +333,19 @@ def test_a_drift_is_one_law_and_not_a_sum_of_several() -> None:
     drifts = {t for t, term in enumerate(moments.terms) if term.effect.id == "thermal_drift"}
     assert any(moments.terms[t].effect.shape == "delayed" for t in drifts)
     assert {len(drifts & {t for t, _ in subset}) for subset in explore(moments, named=True).mass} == {0, 1}
+
+
+def test_the_two_components_of_a_vector_are_weighed_together() -> None:
+    """A tilt of a table, of which either component alone explained next to nothing, was taken for a matrix of the sensors."""
+    machine = preset("mixed-bc")
+    poses = r_test_grid(machine, grid={"B": [0.0], "C": np.arange(0.0, 361.0, 15.0)}, returning=False)
+    clean = simulate(campaign_of(machine, poses), seed=3).campaign
+    every = candidates(clean)
+    moments = moments_about(expanded(baseline(clean), (), every)[0], every)
+    weighed = {frozenset(moments.terms[t].effect.key for t, _ in subset) for subset in explore(moments).mass}
+    assert all(
+        {f"error_motion.{one}", f"error_motion.{other}"} in weighed for one, other in (("EXC", "EYC"), ("EAC", "EBC"))
+    )
 
 
 def test_all_unidentified_effects_share_one_prior(moments: Moments) -> None:

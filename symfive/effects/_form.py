@@ -48,6 +48,7 @@ class Form:
     directions: int = 0
     measured: bool = False
     once: bool = False
+    partner: str = ""
 
     @property
     def placed(self) -> bool:

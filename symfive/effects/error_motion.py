@@ -12,7 +12,7 @@ import numpy as np
 
 from symfive.effects._base import Effect
 from symfive.effects._component import component_of
-from symfive.effects._form import Form, Forms, goes_round, moving
+from symfive.effects._form import Form, Forms, goes_round, moving, own_component
 from symfive.effects._quantity import Quantity
 from symfive.errors import InputError
 from symfive.kinematics import Basis, basis_of
@@ -117,7 +117,8 @@ class ErrorMotion(Effect):
             for letter in "XYZABC":
                 symbol = f"E{letter}{axis}"
                 finer = tuple(cls(component=symbol, basis=basis, order=n) for n in FINER if share ** (2 * n) > DISTINCT)
-                yield Form(effect=cls(component=symbol, basis=basis, order=order), shapes=finer)
+                motion = cls(component=symbol, basis=basis, order=order)
+                yield Form(effect=motion, shapes=finer, partner=_partner(campaign.machine, letter, axis))
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         component = component_of(self.component, campaign.machine)
@@ -157,6 +158,13 @@ class ErrorMotion(Effect):
             slope = np.zeros(len(slope))
         along = row.axis[axis.name] - zero
         return [value - c - k * along for value, c, k in zip(values, constant, slope, strict=True)]
+
+
+def _partner(machine: Machine, letter: str, axis: str) -> str:
+    """The key of the other component of a rotary axis' radial or tilt error motion (ISO 230-7), a vector across the axis."""
+    kind, place = ("XYZ" if letter in "XYZ" else "ABC"), "ABC".find(own_component(machine, axis))
+    others = [other for k, other in enumerate(kind) if k != place and other != letter]
+    return f"{ErrorMotion.id}.E{others[0]}{axis}" if place >= 0 and len(others) == 1 else ""
 
 
 def _share_in_use(campaign: Campaign, axis: str) -> float:

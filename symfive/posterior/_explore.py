@@ -104,6 +104,13 @@ class _Search:
     blocks: dict[Subset, Blocks] = field(default_factory=dict)
     swept: dict[Subset, tuple[list[int], list[float], Array]] = field(default_factory=dict)
 
+    @cached_property
+    def vectors(self) -> list[tuple[int, int]]:
+        """Terms that are the two components of one vector."""
+        number = {term.effect.key: k for k, term in enumerate(self.moments.terms) if not term.form.placed}
+        partners = {k: number.get(term.form.partner, 0) for k, term in enumerate(self.moments.terms)}
+        return [(k, other) for k, other in partners.items() if k < other]
+
     def see(self, members: Iterable[Selected]) -> None:
         """Weigh a subset, unless it was."""
         subset = tuple(sorted(members))
@@ -138,10 +145,14 @@ class _Search:
         return self.swept[subset]
 
     def join(self, subset: Subset, most: int) -> None:
-        """The best so many subsets with one term more, each in the width that suits it."""
+        """The best so many subsets with one term more, each in the width that suits it, and those with both components of a
+        vector: while noise stands for the other, one alone may explain nothing."""
         free, widths, mass = self.sweep(subset)
         for k in np.argsort(-mass)[:most]:
             self.see((*subset, (free[k], widths[k])))
+        for pair in self.vectors:
+            if set(pair) <= set(free) and len(subset) + 2 <= MOST:
+                self.see((*subset, *((t, WIDTHS[0]) for t in pair)))
         held = [t for t in range(self.moments.held) if t not in {member for member, _ in subset}]
         for t in held:
             if not any(self.moments.terms[t].excludes(self.moments.terms[o]) for o, _ in subset):
