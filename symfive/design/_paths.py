@@ -21,7 +21,7 @@ import numpy as np
 
 from symfive.arrays import Array
 from symfive.campaign import Run
-from symfive.design._space import follow
+from symfive.design._pose import follow
 from symfive.errors import InputError
 from symfive.machine import Machine
 from symfive.procedures import (
