@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import plant
 import pytest
+from lean import location_only
 
 from symfive.campaign import Campaign, Run, read_campaign, write_campaign
 from symfive.cli import main
@@ -102,9 +103,9 @@ def off_the_post(machine, run, post: float) -> float:
 
 @pytest.mark.parametrize("post", [1.0, 10.0, 14.0])
 def test_touches_keep_off_the_post(post):
-    machine = preset("table-bc")
+    machine = location_only("table-bc")
     machine = replace(machine, workspace=replace(machine.workspace, post_radius=post))
-    made = plan(machine, instrument="touch_probe", points=4, setups=1, starts=1, prove=False)
+    made = plan(machine, instrument="touch_probe", points=4, setups=1, starts=1, anywhere=False, prove=False)
     (run,) = made.campaign.runs
     assert off_the_post(machine, run, post) > -1e-3
     thick = replace(machine, workspace=replace(machine.workspace, post_radius=11.5))
