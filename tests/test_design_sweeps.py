@@ -388,7 +388,7 @@ def test_command_line_frees_the_effects_of_the_plan(folder: Path, tmp_path: Path
 
 
 def test_a_refused_speed_names_one_that_works() -> None:
-    options: dict[str, Any] = {"minutes": 6.0, "setups": 1, "certify": False}
+    options: dict[str, Any] = {"minutes": 6.0, "setups": 1, "rate_hz": 10.0, "certify": False}
     says = r"no sweep is clear of all limits at 400 °/s and more; ([\d.]+) °/s works"
     with pytest.raises(InputError, match=says) as refused:
         plan_sweeps(MACHINE, speeds=(400.0, 800.0), **options)

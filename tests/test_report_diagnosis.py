@@ -90,7 +90,7 @@ def _finding(after, key: str, coordinate: str, share: float) -> Finding:
     )  # fmt: skip
 
 
-def _nothing(result):
+def _nothing(*_):
     raise InputError("nothing to draw", remedy="none")
 
 
@@ -99,9 +99,9 @@ NOTHING = [replace(drawing, draw=_nothing) for drawing in _report.FIGURES]
 
 @pytest.fixture
 def page_of(found, tmp_path, monkeypatch):
-    """The page of a diagnosis with some findings and other changes, without the figures of the identification, and none as a
-    file."""
+    """The page of a diagnosis with some findings and other changes, without figures but theirs, and none as a file."""
     monkeypatch.setattr(_diagnosis, "FIGURES", NOTHING)
+    monkeypatch.setattr(_diagnosis, "geometry_chart", _nothing)
     monkeypatch.setattr(_diagnosis, "keep", lambda *_: None)
     return lambda *findings, **other: diagnosis_report(replace(found, findings=findings, **other), tmp_path).read_text()
 
