@@ -57,11 +57,7 @@ from symfive.separated import SMALLEST
 @click.option("--criterion", help="D (default), A, E, G (with --part the default) or V.")
 @click.option("--points", type=COUNT, help="Number of poses (default: 40, with --minutes as many as fit).")
 @click.option(
-    "--for",
-    "wanted",
-    default="",
-    show_default=False,
-    help="Errors to determine, as EX0C,EY0C,EXC (default: all).",
+    "--for", "wanted", default="", show_default=False, help="Errors to determine, as EX0C,EY0C,EXC (default: all)."
 )
 @click.option(
     "--part",
@@ -72,9 +68,7 @@ from symfive.separated import SMALLEST
     "--part-tool", type=POSITIVE, help="With --part: mm from spindle nose to tip (default: middle of tool_length)."
 )
 @click.option(
-    "--part-zero",
-    default=NO_SHIFT,
-    help="With --part: the program's zero in the workpiece frame, X,Y,Z in mm.",
+    "--part-zero", default=NO_SHIFT, help="With --part: the program's zero in the workpiece frame, X,Y,Z in mm."
 )
 @click.option(
     "--part-tool-centre",
@@ -185,9 +179,7 @@ from symfive.separated import SMALLEST
     help="Rest at each pose in s, until machine and instrument have settled.",
 )
 @click.option(
-    "--at-pose",
-    default="dwell",
-    help="After the rest: dwell (nothing), stop (shows the pose's number) or trigger.",
+    "--at-pose", default="dwell", help="After the rest: dwell (nothing), stop (shows the pose's number) or trigger."
 )
 @click.option(
     "--trigger",

@@ -36,10 +36,7 @@ from symfive.procedures import (
     tool_ball_of,
 )
 
-FAMILIES = {
-    "synchronous": ("ratio", "radius", "feed", "height"),
-    "planar": ("radius", "feed", "x", "y", "z"),
-}
+FAMILIES = {"synchronous": ("ratio", "radius", "feed", "height"), "planar": ("radius", "feed", "x", "y", "z")}
 RUN_UP_DEG = {"synchronous": 60.0, "planar": 180.0}
 LIMIT_POINTS = 181
 SLACK_MM = 1e-6

@@ -47,7 +47,4 @@ class SpindleGrowth(Effect):
 
     def describe(self, campaign: Campaign, values: Values, covariance: Covariance) -> dict[str, Quantity]:
         """`direction` in the tool frame."""
-        return {
-            "direction": Quantity((0.0, 0.0, -1.0), None, "1"),
-            **super().describe(campaign, values, covariance),
-        }
+        return {"direction": Quantity((0.0, 0.0, -1.0), None, "1"), **super().describe(campaign, values, covariance)}

@@ -51,7 +51,4 @@ class TableGrowth(Effect):
 
     def describe(self, campaign: Campaign, values: Values, covariance: Covariance) -> dict[str, Quantity]:
         """`direction` of the rise in the workpiece frame."""
-        return {
-            "direction": Quantity((0.0, 0.0, 1.0), None, "1"),
-            **super().describe(campaign, values, covariance),
-        }
+        return {"direction": Quantity((0.0, 0.0, 1.0), None, "1"), **super().describe(campaign, values, covariance)}
