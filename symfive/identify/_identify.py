@@ -23,11 +23,6 @@ from symfive.instruments import INSTRUMENTS
 from symfive.model import Model
 from symfive.threads import one_thread
 
-
-def _silent(message: str) -> None:
-    pass
-
-
 FEW, QUIET = 10, 0.2
 """Residuals this many times smaller than the noise that is declared are no luck where the readings are more than a few."""
 
@@ -45,7 +40,7 @@ def identify(
     start: Mapping[str, float] | None = None,
     start_noise: Mapping[tuple[str, str], Noise] | None = None,
     refine: bool = True,
-    progress: Callable[[str], None] = _silent,
+    progress: Callable[[str], None] = lambda _: None,
 ) -> Identification:
     """Maximum a posteriori estimate of every parameter of the baseline, the effects and the set-ups.
 
