@@ -40,48 +40,37 @@ would meet a thick post there."""
 def _around_sphere(machine: Machine, geometry: PoseGeometry) -> dict[str, Any]:
     """What each linear axis needs at most, mm, while the tip goes around the sphere of a pose."""
     place = ca.SX.sym("place", 3)
-    turned = {name: q for name, q in geometry.position.items() if machine.axes[name].rotary}
-    moved = follow(machine, turned, geometry.tool_ball, place)
-    linear = [name for name in machine.axis_names if not machine.axes[name].rotary]
-    return {name: touch_reach(machine) * ca.norm_2(ca.jacobian(moved[name], place)) for name in linear}
+    moved = follow(machine, geometry.turned, geometry.tool_ball, place)
+    return {name: touch_reach(machine) * ca.norm_2(ca.jacobian(moved[name], place)) for name in machine.linear_axes}
 
 
 def _left_to_draw_back(machine: Machine, geometry: PoseGeometry) -> Any:
     """mm of travel that the upright axis has left at a pose, the tool drawn back up from the table or, where that does not lead
     down, along itself, whichever leaves more: without it there is no way out of a nest."""
     upright = upright_axis(machine)
-    turned = {name: q for name, q in geometry.position.items() if machine.axes[name].rotary}
     sign = math.copysign(1.0, machine.axes[upright].direction[2])
 
     def left(way: Any) -> Any:
-        drawn = follow(machine, turned, geometry.tool_ball, geometry.place + RETRACTS_MM[0] * way)
+        drawn = follow(machine, geometry.turned, geometry.tool_ball, geometry.place + RETRACTS_MM[0] * way)
         return sign * (top_of(machine) - drawn[upright])
 
     along = geometry.tool_axis
     return ca.fmax(left(ca.DM([0.0, 0.0, 1.0])), ca.fmin(left(along), RETRACTS_MM[0] * along[2]))
 
 
-def limits_of(
-    machine: Machine, instrument: str, geometry: PoseGeometry, k: Any, most: Array
-) -> tuple[Any, tuple[str, ...]]:  # fmt: skip
+def limits_of(machine: Machine, instrument: str, geometry: PoseGeometry, most: Array) -> tuple[Any, tuple[str, ...]]:
     """What must be ≥ 0, in units of 100 mm (the bar's angle: its cosine), and what each means; `most` mm of ball height and tool
     length (2,)."""
     limits, names = [], []
     margins = _around_sphere(machine, geometry) if instrument == "touch_probe" else {}
-    for name in machine.axis_names:
-        axis = machine.axes[name]
-        if not axis.rotary:
-            low, high = machine.reach(name)
-            margin = margins.get(name, 0.0)
-            limits += [
-                (geometry.position[name] - low - margin) / UNIT_MM,
-                (high - geometry.position[name] - margin) / UNIT_MM,
-            ]
-            names += [f"travel of {name}"] * 2
+    for name in machine.linear_axes:
+        (low, high), at, margin = machine.reach(name), geometry.position[name], margins.get(name, 0.0)
+        limits += [(at - low - margin) / UNIT_MM, (high - at - margin) / UNIT_MM]
+        names += [f"travel of {name}"] * 2
     if instrument != "ball_bar":  # which leaves sideways, too
         limits.append(_left_to_draw_back(machine, geometry) / UNIT_MM)
         names.append(DRAWN_BACK)
-    volume = spanned(machine, geometry.position, geometry.tool_ball)
+    volume = spanned(machine, geometry)
     if volume is not None:
         limits.append(volume - LEAST_VOLUME)
         names.append(PARALLEL)
@@ -90,9 +79,8 @@ def limits_of(
         limits += [(height - workspace.clearance) / UNIT_MM for height in nose_over_table(workspace, place, axis)]
         names += ["spindle nose and table"] * 2
         if instrument == "ball_bar":
-            limits.append(
-                angle_clearance(workspace, axis, -geometry.bar, k[0], workspace.bar_radius or 0.0, BALL_RADIUS)
-            )
+            thick = workspace.bar_radius or 0.0
+            limits.append(angle_clearance(workspace, axis, -geometry.bar, geometry.length, thick, BALL_RADIUS))
             gap = post_clearance(workspace, geometry.table_ball, place, axis)
             limits.append((gap - workspace.clearance) / UNIT_MM)
             names += ["spindle nose and bar", TO_POST]

@@ -20,8 +20,10 @@ SAME_VOLUME = 1e-9
 
 @dataclass(frozen=True)
 class PoseGeometry:
-    """Symbols of one row: axis positions (mm, rad), balls, tool axis and bar direction in the workpiece frame."""
+    """Symbols of one row: positions (mm, rad) of the axes that are `turned` and of all; balls, tool axis and bar direction in the
+    workpiece frame."""
 
+    turned: dict[str, Any]
     position: dict[str, Any]
     table_ball: Any
     tool_ball: Any
@@ -43,11 +45,11 @@ def pose_geometry(machine: Machine, rotary: Sequence[str], instrument: str, z: A
         flat = ca.cos(elevation)
         bar = ca.vertcat(flat * ca.cos(azimuth), flat * ca.sin(azimuth), ca.sin(elevation))
     place = table_ball + k[0] * bar if instrument == "ball_bar" else table_ball
-    position = {name: z[i] for i, name in enumerate(rotary)}
-    position = follow(machine, position, tool_ball, place)
+    turned = {name: z[i] for i, name in enumerate(rotary)}
+    position = follow(machine, turned, tool_ball, place)
     workpiece, spindle = chain_poses(machine, position, {}, {})
     axis = workpiece.rotation.T @ spindle.rotation[:, 2]
-    return PoseGeometry(position, table_ball, tool_ball, place, axis, bar, k[0])
+    return PoseGeometry(turned, position, table_ball, tool_ball, place, axis, bar, k[0])
 
 
 def follow(machine: Machine, position: dict[str, Any], tool_ball: Any, place: Any) -> dict[str, Any]:
@@ -64,10 +66,10 @@ def follow(machine: Machine, position: dict[str, Any], tool_ball: Any, place: An
     return {name: position.get(name, found.get(name, ca.SX(rest.get(name, 0.0)))) for name in machine.axis_names}
 
 
-def _followers(machine: Machine, position: dict[str, Any], tool_ball: Any) -> tuple[list[str], list[int], Any, Any]:
+def _followers(machine: Machine, position: dict[str, Any], tool_ball: Any) -> tuple[Sequence[str], list[int], Any, Any]:
     """The linear axes, which three of them follow, and the tool ball (workpiece frame) as a function of a vector of all of them.
     Raises `InputError` where no three span space."""
-    linear = [name for name in machine.axis_names if not machine.axes[name].rotary]
+    linear = machine.linear_axes
     symbols = {name: ca.SX.sym(name) for name in linear}
     whole = {name: position.get(name, symbols.get(name)) for name in machine.axis_names}
     ball = ball_in_workpiece(machine, whole, tool_ball)
@@ -85,12 +87,11 @@ def _followers(machine: Machine, position: dict[str, Any], tool_ball: Any) -> tu
     return linear, moving, ball, vector
 
 
-def spanned(machine: Machine, position: dict[str, Any], tool_ball: Any) -> Any | None:
+def spanned(machine: Machine, geometry: PoseGeometry) -> Any | None:
     """The volume that the directions of the linear axes that follow span, where that changes because a rotary axis turns one of
     them against the others; else None."""
-    rotary = {name: q for name, q in position.items() if machine.axes[name].rotary}
-    _, moving, ball, vector = _followers(machine, rotary, tool_ball)
-    q = ca.vertcat(*rotary.values(), ca.SX(0, 1))
+    _, moving, ball, vector = _followers(machine, geometry.turned, geometry.tool_ball)
+    q = ca.vertcat(*geometry.turned.values(), ca.SX(0, 1))
     volume = ca.fabs(ca.det(ca.jacobian(ball, vector)[:, moving]))
     at = ca.Function("volume", [q], [volume])
     places = (turn * np.arange(1.0, q.numel() + 1.0) for turn in (0.3, 0.7, 1.1))

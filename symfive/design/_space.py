@@ -132,7 +132,7 @@ def make_space(
     """The space of `r_test`, `touch_probe` or `ball_bar` on a machine. Raises `InputError` where there is nothing to decide."""
     if instrument not in ("r_test", "touch_probe", "ball_bar"):
         raise InputError(f"plans with {instrument} are not designed", remedy="use r_test, touch_probe or ball_bar")
-    rotary = [name for name in machine.axis_names if machine.axes[name].rotary]
+    rotary = machine.rotary_axes
     if not rotary and instrument != "ball_bar":
         called = "an R-test" if instrument == "r_test" else "a touch probe"
         raise InputError(f"{called} needs a rotary axis and the machine has none", remedy="use instrument ball_bar")
@@ -145,7 +145,7 @@ def make_space(
     z, k = ca.SX.sym("z", len(names)), ca.SX.sym("k", 1)
     geometry = pose_geometry(machine, rotary, instrument, z, k)
     rows, shared, own, own_sigma = _rows(machine, instrument, geometry, noise_um, sigma, options or {})
-    limits, limit_names = limits_of(machine, instrument, geometry, k, UNIT_MM * upper[-2:])
+    limits, limit_names = limits_of(machine, instrument, geometry, UNIT_MM * upper[-2:])
     centre, *_ = _rows(machine, "r_test", geometry, 1.0, sigma, {})
     scale = [1.0 / machine.axes[name].to_internal for name in machine.axis_names]
     commands = ca.vertcat(*(s * geometry.position[name] for s, name in zip(scale, machine.axis_names, strict=True)))
