@@ -183,7 +183,7 @@ def test_a_plan_leaves_travel_for_the_way_around_the_sphere(tmp_path):
     (tmp_path / "machine.toml").write_text(random_machine(0), encoding="utf-8")
     machine = read_machine(tmp_path / "machine.toml")
     assert machine.structure.code == "w b Z A X Y t"
-    made = plan(machine, instrument="touch_probe", points=6, setups=1, starts=1, prove=False)
+    made = plan(machine, instrument="touch_probe", points=6, setups=1, starts=1, anywhere=False, prove=False)
     (run,) = made.campaign.runs
     assert "DPRNT[R7T4" in program(machine, run, "iso", made.post)  # raises where a touch is beyond the travel
     room = machine.axes["Y"].travel[1] - run.commands["Y"]
@@ -242,7 +242,7 @@ def test_sphere_and_tip_are_the_users_on_the_command_line(tmp_path: Path) -> Non
     machine = preset("table-bc")
     write_machine(replace(machine, errors={"EX0C": machine.errors["EX0C"]}, text=""), tmp_path / "machine.toml")
     words = ["--instrument", "touch_probe", "--points", "4", "--setups", "1", "--starts", "1", "--returns", "0", "-q"]
-    words += ["--sphere-radius", "15", "--tip-radius", "2", "--nc", "linuxcnc"]
+    words += ["--sphere-radius", "15", "--tip-radius", "2", "--nc", "linuxcnc", "--no-proof"]
     assert main(["plan", str(tmp_path / "machine.toml"), "-o", str(tmp_path / "plan"), *words]) == 0
     text = next((tmp_path / "plan" / "nc" / "linuxcnc").iterdir()).read_text()
     assert "sphere radius 15, tip radius 2" in text
