@@ -29,19 +29,12 @@ FEW, QUIET = 10, 0.2
 
 @one_thread
 def identify(
-    campaign: Campaign | Model | Path | str,
-    *,
-    effects: Iterable[Effect] = (),
-    free: Iterable[str] | None = None,
-    fixed: Mapping[str, float] | None = None,
-    noise: str = "estimate",
-    solver: str = "gauss_newton",
-    loss: str = "square",
-    start: Mapping[str, float] | None = None,
-    start_noise: Mapping[tuple[str, str], Noise] | None = None,
-    refine: bool = True,
+    campaign: Campaign | Model | Path | str, *, effects: Iterable[Effect] = (), free: Iterable[str] | None = None,
+    fixed: Mapping[str, float] | None = None, noise: str = "estimate", solver: str = "gauss_newton",
+    loss: str = "square", start: Mapping[str, float] | None = None,
+    start_noise: Mapping[tuple[str, str], Noise] | None = None, refine: bool = True,
     progress: Callable[[str], None] = lambda _: None,
-) -> Identification:
+) -> Identification:  # fmt: skip
     """Maximum a posteriori estimate of every parameter of the baseline, the effects and the set-ups.
 
     `campaign` with readings, the path of its folder, or its `Model`; `effects` join the baseline. `free` names the only
