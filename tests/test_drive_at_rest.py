@@ -16,7 +16,7 @@ from symfive.effects import make_effect
 from symfive.identify import identify
 from symfive.machine import Machine, Structure, make_axis
 
-RATE, NOISE = 50.0, 0.3
+RATE, NOISE = 32.0, 0.3
 MASS, VISCOUS, COULOMB, OFFSET = 95.0, 200.0, 20.0, -3.0
 
 
