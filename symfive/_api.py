@@ -9,14 +9,7 @@ from symfive.diagnose import diagnose
 from symfive.effects import make_effect
 from symfive.errors import InputError
 from symfive.history import History
-from symfive.identify import (
-    fitted_model,
-    identify,
-    identify_by_position,
-    identify_sequentially,
-    predict,
-    redundancies,
-)
+from symfive.identify import fitted_model, identify, identify_by_position, identify_sequentially, predict, redundancies
 from symfive.machine import Machine, preset, presets, read_machine, write_machine
 from symfive.model import Model, read_model, write_model
 from symfive.simulate import simulate

@@ -22,15 +22,9 @@ class InputError(ValueError):
     """
 
     def __init__(
-        self,
-        problem: str,
-        *,
-        remedy: str = "",
-        path: Path | str | None = None,
-        line: int | None = None,
-        column: int | None = None,
-        keys: tuple[str | int, ...] = (),
-    ) -> None:
+        self, problem: str, *, remedy: str = "", path: Path | str | None = None, line: int | None = None,
+        column: int | None = None, keys: tuple[str | int, ...] = (),
+    ) -> None:  # fmt: skip
         self.problem = problem.rstrip(".")
         self.remedy = remedy.rstrip(".")
         self.path = None if path is None else Path(path)

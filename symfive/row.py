@@ -32,15 +32,9 @@ class Row:
     """
 
     def __init__(
-        self,
-        machine: Machine,
-        axis: Mapping[str, Symbol],
-        clock: Symbol,
-        time: Symbol,
-        signals: Mapping[Signal, Symbol],
-        parameters: Mapping[str, Symbol],
-        constants: Mapping[str, Symbol],
-    ) -> None:
+        self, machine: Machine, axis: Mapping[str, Symbol], clock: Symbol, time: Symbol,
+        signals: Mapping[Signal, Symbol], parameters: Mapping[str, Symbol], constants: Mapping[str, Symbol],
+    ) -> None:  # fmt: skip
         self.machine = machine
         self.axis = dict(axis)
         self.clock = clock

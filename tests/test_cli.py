@@ -21,7 +21,7 @@ from symfive.campaign import read_campaign, write_campaign
 from symfive.machine import preset, write_machine
 from symfive.model import read_model
 from symfive.nc import DIALECTS
-from symfive.procedures import campaign_of, r_test_grid
+from symfive.procedures import campaign_of, linear_positioning
 
 COMMANDS = cli.app.commands
 symfive, fitted = cli_world.symfive, cli_world.fitted  # fixtures
@@ -274,12 +274,11 @@ def test_predict(symfive, fitted, tmp_path):
 
 
 def test_diagnose_names_what_is_hidden(symfive, tmp_path):
-    machine = preset("oyama-2010")
-    rigid = replace(machine, errors={"EX0C": machine.errors["EX0C"], "EA0B": machine.errors["EA0B"]})
-    write_campaign(campaign_of(rigid, r_test_grid(rigid, step_deg=90.0, returning=False)), tmp_path / "plan")
+    machine = replace(preset("three-axis"), errors={})
+    write_campaign(campaign_of(machine, linear_positioning(machine, axis="X", cycles=2)), tmp_path / "plan")
     truth = tmp_path / "truth.json"
-    hidden = [{"effect": "location_error", "component": "EB0C"}]
-    truth.write_text(json.dumps({"parameters": {"location_error.EB0C.value": 60.0}, "effects": hidden}))
+    hidden = [{"effect": "backlash", "axis": "X"}]
+    truth.write_text(json.dumps({"parameters": {"backlash.X.width": 12.0}, "effects": hidden}))
     assert symfive("simulate", tmp_path / "plan", "-o", tmp_path / "measured", "--truth", truth).code == 0
     answer = symfive("diagnose", tmp_path / "measured", "-o", tmp_path / "d", "--json", "-q")
     assert answer.code == 0
@@ -287,10 +286,10 @@ def test_diagnose_names_what_is_hidden(symfive, tmp_path):
     assert data == json.loads((tmp_path / "d" / "diagnosis.json").read_text())
     assert data["schema"] == "symfive.diagnosis/1"
     assert data["mismatch"] is True
-    assert data["findings"][0]["effect"] == "location_error"
+    assert [finding["effect"] for finding in data["findings"]] == ["backlash"]
     assert data["fit"]["chi2_dof_after"] < 1.5 < data["fit"]["chi2_dof_before"]
     assert {"diagnosis.json", "identification.json", "model.json", "report.html"} <= files(tmp_path / "d")
-    assert {effect.id for effect in read_model(tmp_path / "d").effects} >= {"location_error"}
+    assert {effect.id for effect in read_model(tmp_path / "d").effects} == {"backlash"}
 
 
 def test_diagnose_of_a_clean_campaign_is_done_and_finds_nothing(symfive, tmp_path):

@@ -95,9 +95,10 @@ def test_nothing_that_acts_over_time_is_looked_for_where_there_is_none() -> None
         effects = [term.effect for term in moments.terms]
         return {e.id for e in effects} & timed, {name for e in effects if e.unidentified for name in e.over}
 
-    assert {"thermal_drift", "setup_shift"} <= looked_for(plan)[0] and "t" in looked_for(plan)[1]
+    acting, courses = looked_for(plan)
+    assert {"thermal_drift", "setup_shift"} <= acting and "t" in courses
     # a slip of the ball shows between two rows, and a drift over the rows of its run: their order was recorded
-    assert looked_for(unclocked(plan)) == ({"setup_shift"}, looked_for(plan)[1] - {"t"} | {"row"})
+    assert looked_for(unclocked(plan)) == ({"setup_shift"}, courses - {"t"} | {"row"})
     assert "time" not in " ".join(partitions(unclocked(plan)))
 
 

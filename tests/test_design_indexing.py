@@ -24,10 +24,9 @@ NOISE = 0.3
 
 @pytest.fixture(scope="module")
 def made() -> Plan:
+    options = {"points": 12, "starts": 1, "anywhere": False, "prove": False}
     known = SetupSigma(tool_length=2.0)
-    return plan(
-        "table-bc", criterion="V", points=12, starts=1, index=True, setup_sigma=known, anywhere=False, prove=False
-    )
+    return plan(location_only("table-bc"), criterion="V", index=True, setup_sigma=known, **options)
 
 
 def _turned(run: Run, degree: float) -> Run:
@@ -105,11 +104,11 @@ def test_what_dominates_is_named(known: dict[str, float], index: bool, name: str
 
 def test_the_fewer_poses_named_do_as_well() -> None:
     options = {"criterion": "V", "setups": 1, "starts": 1, "anywhere": False, "prove": False}
-    made = plan("table-bc", points=40, **options)
+    made = plan(location_only("table-bc"), points=40, **options)
     (few,) = (
         re.search(r"hardly help, (\d+) of the 40 do as well", note) for note in made.notes if "hardly help" in note
     )
-    left = plan("table-bc", points=int(few[1]), **options)
+    left = plan(location_only("table-bc"), points=int(few[1]), **options)
     assert int(few[1]) <= 20
     assert 0.9 < np.exp(0.5 * (made.certificate.value - left.certificate.value)) < 1.0
 
@@ -120,9 +119,9 @@ def test_nothing_dominates_where_poses_help() -> None:
 
 
 def test_nothing_dominates_where_readings_are_fewer_than_unknowns() -> None:
-    """40 poses leave 0.54 of the priors' 1σ and so do four readings of each, but 48 poses leave 0.43."""
+    """Six poses read four times are hardly better than read once, but twelve are: they determine what six do not."""
     options = {"instrument": "ball_bar", "criterion": "A", "setups": 1, "starts": 1, "anywhere": False, "prove": False}
-    few, more = (plan("oyama-2010", points=points, **options) for points in (12, 24))
+    few, more = (plan(location_only("oyama-2010"), points=points, **options) for points in (6, 12))
     assert few.assessment.value > more.assessment.value + 0.1
     assert not [note for made in (few, more) for note in made.notes if "hardly help" in note]
 

@@ -16,7 +16,6 @@ from symfive.design import (
     Plan,
     Sheet,
     assess,
-    best_ratio,
     certify,
     circle_information,
     make_space,
@@ -55,10 +54,10 @@ def rounded_plans() -> dict[str, Plan]:
 
 
 def test_minutes_decide_the_number_of_poses() -> None:
-    quick = {"minutes": 22.0, "setups": 1, "starts": 1, "anywhere": False, "prove": False}
-    made, few = plan(OYAMA, **quick), plan(OYAMA, points=10, **quick)
-    assert made.certificate.points > 40 and 20.0 < made.minutes <= 22.0
-    assert few.certificate.points == 10 and few.minutes < 10.0
+    quick = {"minutes": 8.0, "setups": 1, "starts": 1, "anywhere": False, "prove": False}
+    made, few = plan(OYAMA, **quick), plan(OYAMA, points=6, **quick)
+    assert made.certificate.points > 20 and 7.5 < made.minutes <= 8.0
+    assert few.certificate.points == 6 and few.minutes < 7.0
 
 
 @pytest.mark.slow
@@ -203,7 +202,8 @@ def test_circle_information_over_the_ratio() -> None:
     width, gain = "backlash.C.width", "servo_mismatch.C.position_gain"
     assert found[1.25][width] < 0.5 * found[0.9][width] < found[0.3][width]
     assert found[0.9][gain] < 0.6 * found[0.3][gain]
-    best = best_ratio(TSUTSUMI, PLAY[1:], width, radius=50.0, feed=500.0, low=1.1, high=1.6)
+    free = {"ratios": np.linspace(1.1, 1.6, 7).tolist(), "radii": (50.0,), "feeds": (500.0,), "free": ("ratio",)}
+    (best,) = plan_circles(TSUTSUMI, PLAY[1:], count=1, for_=(width,), criterion="A", certify=False, **free).circles
     assert best.sigma[width] <= found[1.25][width]
 
 

@@ -157,7 +157,7 @@ def test_a_tone_is_found_at_its_frequency_over_runs_that_are_minutes_apart(tmp_p
     machine = plant.planar_table()
     runs = [
         plant.planar_circle(machine, f"r{i}", centre=(0.0, 0.0, 80.0), feed=1600.0, direction=d, start_s=200.0 * i)
-        for i, d in enumerate((1, -1, 1))
+        for i, d in enumerate((1, -1))
     ]
     tone = {"effect": "vibration", "frequency_hz": 6.71856, "amplitude": 2.0, "direction": [0.8, 0.6, 0.0]}
     plant.write_campaign(tmp_path / "c", machine, runs, {}, None, [tone], seed=6)

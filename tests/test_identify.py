@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
 
-from symfive.campaign import Campaign, Run, read_campaign
+from symfive.campaign import Campaign, read_campaign
 from symfive.design import assess
 from symfive.effects import make_effect
 from symfive.errors import InputError
 from symfive.identify import (
+    Identification,
     Stage,
     all_location_errors,
     ball_runout,
@@ -28,7 +26,6 @@ from symfive.identify import (
     predict,
     redundancies,
 )
-from symfive.inference import Noise, Problem, gauss_newton, whiten
 from symfive.machine import Machine, Structure, make_axis, preset
 from symfive.model import Model, read_model, write_model
 from symfive.procedures import campaign_of, planar_circle, r_test_grid, rotary_circle, static_ball_bar
@@ -42,9 +39,29 @@ def _open(name: str, part: str = "fit") -> Campaign:
     return read_campaign(CAMPAIGNS / name / part)
 
 
+def _plan(name: str, part: str = "fit") -> Campaign:
+    """The same, not yet measured."""
+    measured = _open(name, part)
+    return replace(measured, runs=tuple(run.with_readings({}) for run in measured.runs))
+
+
+def _spoiled(measured: Campaign, offsets: dict[int, float]) -> Campaign:
+    """The same with other readings of Y in some rows of the first run."""
+    run, *others = measured.runs
+    dy = run.readings["dy_um"].copy()
+    dy[list(offsets)] += list(offsets.values())
+    return replace(measured, runs=(run.with_readings({**run.readings, "dy_um": dy}), *others))
+
+
 @pytest.fixture(scope="module")
 def results() -> dict:
     return {name: identify(_open(name)) for name in CLEAN}
+
+
+@pytest.fixture(scope="module")
+def declared() -> Identification:
+    """With the noise that the files declare."""
+    return identify(_open("static-none"), noise="declared")
 
 
 @pytest.mark.parametrize("name", CLEAN)
@@ -69,70 +86,12 @@ def test_held_out_run_is_predicted_to_the_noise(results, name, tmp_path):
 
 
 def test_prediction_without_readings_stands_at_zero_setup(results):
-    heldout = _open("static-none", "heldout")
-    plan = replace(heldout, runs=tuple(run.with_readings({}) for run in heldout.runs))
+    plan = _plan("static-none", "heldout")
     prediction = predict(fitted_model(results["static-none"]), plan)
     model = Model(plan)
     expected = model.predict_run(plan.runs[0], {n: results["static-none"][n] for n in model.index if "setup" not in n})
     np.testing.assert_allclose(prediction.campaign.runs[0].readings["dx_um"], expected[:, 0], rtol=0, atol=1e-9)
     assert prediction.rms == {}
-
-
-def _walked(
-    reading: Callable[[np.ndarray], tuple[float, np.ndarray]], start: list[float], precision: float
-) -> tuple[np.ndarray, bool, int]:
-    """Where a fit of one reading (residual and slopes at given values) ends, whether it converged, and how often it looked."""
-    seen = []
-
-    def information_at(values: np.ndarray) -> SimpleNamespace:
-        seen.append(values)
-        residual, slope = reading(values)
-        return SimpleNamespace(matrix=np.outer(slope, slope), gradient=slope * residual, square=residual**2)
-
-    free = SimpleNamespace(lower=-np.inf, upper=np.inf)
-    problem: Any = SimpleNamespace(
-        model=SimpleNamespace(parameters=[free] * len(start), prior_mean=np.zeros(len(start))),
-        prior_precision=np.full(len(start), precision),
-        free=np.ones(len(start), dtype=bool),
-        information_at=information_at,
-    )
-    return *gauss_newton(problem, np.array(start), 1e-6), len(seen)
-
-
-@pytest.mark.parametrize("curvature", [1e-4, 1e-3])
-@pytest.mark.parametrize("start", [30.0, 60.0])
-def test_a_fit_walks_down_a_curved_valley(curvature, start):
-    """Readings 10,000 times finer than the priors: y = c·x² is known well, and only the priors lead along it to 0."""
-
-    def fine(at: np.ndarray) -> tuple[float, np.ndarray]:
-        return 1e4 * (curvature * at[0] ** 2 - at[1]), 1e4 * np.array([-2.0 * curvature * at[0], 1.0])
-
-    values, converged, looks = _walked(fine, [start, curvature * start**2], 1.0)
-    assert converged and values == pytest.approx(0.0, abs=1e-4) and looks < 10
-
-
-@pytest.mark.parametrize("share", [0.9, 0.97, -0.9, -0.97])
-def test_a_fit_converges_where_the_bend_of_the_readings_counts(share):
-    """y = a - c·x² is known, and the prior of y pulls by a: along the valley the Hessian is 1 - 2ac times Gauss–Newton's, whose
-    steps are ten times too short or lead to the other side again and again."""
-    pull = 30.0
-    bend = 0.5 * share / pull
-
-    def fine(at: np.ndarray) -> tuple[float, np.ndarray]:
-        return 30.0 * (pull - bend * at[0] ** 2 - at[1]), 30.0 * np.array([2.0 * bend * at[0], 1.0])
-
-    values, converged, looks = _walked(fine, [5.0, pull - bend * 25.0], 1.0)
-    assert converged and values[0] == pytest.approx(0.0, abs=1e-2) and looks < 25
-
-
-def test_a_step_that_no_second_one_corrects_is_shortened():
-    """A wall that turns up steeply beyond the minimum: both whole steps lead beyond it."""
-
-    def wall(at: np.ndarray) -> tuple[float, np.ndarray]:
-        return -100.0 * float(np.arctan(at[0])), 100.0 / (1.0 + at**2)
-
-    values, converged, _ = _walked(wall, [3.0], 1e-12)
-    assert converged and values == pytest.approx(0.0, abs=1e-4)
 
 
 @pytest.mark.slow
@@ -154,10 +113,7 @@ def test_coverage_of_95_percent_intervals_over_200_machines():
 @pytest.mark.slow
 def test_coverage_holds_under_coloured_noise_that_no_file_declares():
     """The white likelihood would cover about half here: the coloured part must be found."""
-    plan = _open("planar-none")
-    plan = replace(
-        plan, runs=tuple(run.with_readings({}) for run in plan.select("xy-f2400-ccw-1", "xy-f2400-cw-1").runs)
-    )
+    plan = _plan("planar-none").select("xy-f2400-ccw-1", "xy-f2400-cw-1")
     hits = trials = naive = 0
     for seed in range(24):
         measured = simulate(plan, seed=seed)
@@ -180,52 +136,10 @@ def test_coverage_holds_under_coloured_noise_that_no_file_declares():
     assert naive / trials <= 0.6
 
 
-@pytest.mark.parametrize(("n", "columns"), [(1, 1), (31, 2), (50, 3), (33, 3), (2200, 1), (1025, 40), (70, 2000)])
-@pytest.mark.parametrize("noise", [Noise(0.3, 0.7, 2.0), Noise(0.3, 0.3, 5.0), Noise(0.01, 0.7, 0.05)])
-def test_whitening_is_the_exact_inverse_of_the_covariance(n, columns, noise):
-    """Whole blocks, broken ones, several levels of them and several spans of rows."""
-    interval = 0.1
-    lags = np.abs(np.subtract.outer(np.arange(n), np.arange(n))) * interval
-    covariance = noise.coloured**2 * np.exp(-lags / noise.time_constant) + noise.white**2 * np.eye(n)
-    residual = np.random.default_rng(n).standard_normal((n, columns))
-    white, logs = whiten(residual, noise, interval)
-    wanted = residual.T @ np.linalg.solve(covariance, residual)
-    assert np.abs(white.T @ white - wanted).max() < 1e-8 * np.abs(wanted).max()
-    assert logs == pytest.approx(np.linalg.slogdet(covariance)[1], rel=1e-9)
-
-
-def test_a_fit_settles_where_a_sum_is_known_and_its_parts_are_not():
-    """The zero of an angle and the skew EC0B read alike: each is known to 100 µrad, their sum to a fifth of one."""
-    angles = np.linspace(0.0, 345.0, 24)
-    commands = {name: np.zeros(24) for name in "XYZB"} | {"C": angles}
-    run = Run(id="c", instrument=("laser",), sampling="static", time=np.arange(24.0), commands=commands, noise_um=1.0,
-              options={"axis": "C"})  # fmt: skip
-    model = Model(simulate(Campaign(machine=preset("table-bc"), runs=(run,)), truth={}, seed=2).campaign)
-    problem = Problem.of(model)
-    best, _ = gauss_newton(problem, model.start, 1e-6)
-    beside = best.copy()
-    beside[model.index["setup.c.zero"]] += 0.9
-    values, converged = gauss_newton(problem, beside, 1e-2)
-    left = float(np.mean(model.predict(values)["c"] - model.predict(best)["c"]))
-    assert converged and abs(left) < 1e-2 / np.sqrt(24.0)
-
-
-def test_whitening_a_table_without_columns_leaves_it_empty():
-    """A recording that is fitted without any parameter of its own."""
-    white, logs = whiten(np.empty((1000, 2, 0)), Noise(0.3, 0.7, 2.0), 0.1)
-    assert white.shape == (1000, 2, 0) and np.isfinite(logs)
-
-
 def test_isolated_outliers_are_reported_by_row_and_do_not_move_the_result():
     measured = simulate(_open("static-none"), seed=5)
     clean = identify(measured.campaign)
-    run = measured.campaign.runs[0]
-    spoiled = run.readings["dy_um"].copy()
-    spoiled[[40, 120]] += [9.0, -30.0]
-    campaign = replace(
-        measured.campaign, runs=(run.with_readings({**run.readings, "dy_um": spoiled}), *measured.campaign.runs[1:])
-    )
-    result = identify(campaign)
+    result = identify(_spoiled(measured.campaign, {40: 9.0, 120: -30.0}))
     assert [(o.run, o.row, o.column) for o in result.outliers] == [("nest1", 40, "dy_um"), ("nest1", 120, "dy_um")]
     assert result.to_data()["outliers"][0]["row"] == 42  # as an editor counts the file's lines
     for parameter in ("EA0B", "EX0C", "EB0C"):
@@ -240,10 +154,7 @@ def test_what_comes_again_whenever_a_pose_does_is_no_outlier():
     first = 40
     (second,) = (k for k in range(run.rows) if k != first and np.array_equal(poses[k], poses[first]))
     for sense, left_out in ((1.0, []), (-1.0, sorted((first, second)))):
-        spoiled = run.readings["dy_um"].copy()
-        spoiled[[first, second]] += [12.0, sense * 12.0]
-        runs = (run.with_readings({**run.readings, "dy_um": spoiled}), *measured.campaign.runs[1:])
-        result = identify(replace(measured.campaign, runs=runs))
+        result = identify(_spoiled(measured.campaign, {first: 12.0, second: sense * 12.0}))
         assert [o.row for o in result.outliers] == left_out
 
 
@@ -270,11 +181,9 @@ def test_redundant_parameters_of_a_topology_are_found_by_the_null_space():
     assert len(all_location_errors(machine)) == 21
 
 
-def test_ipopt_finds_the_same_maximum_and_respects_bounds():
-    campaign = _open("static-none")
-    by_ipopt = identify(campaign, solver="ipopt", noise="declared")
-    plain = identify(campaign, noise="declared")
-    np.testing.assert_allclose(by_ipopt.values, plain.values, atol=1e-3 * plain.std.min())
+def test_ipopt_finds_the_same_maximum_and_respects_bounds(declared):
+    by_ipopt = identify(_open("static-none"), solver="ipopt", noise="declared")
+    np.testing.assert_allclose(by_ipopt.values, declared.values, atol=1e-3 * declared.std.min())
     assert by_ipopt.converged
 
 
@@ -306,8 +215,7 @@ def test_backlash_in_the_baseline_is_identified():
 
 def test_joined_campaigns_tell_more_than_one():
     first = simulate(_open("static-none"), seed=1).campaign
-    one = identify(first)
-    both = identify(first.joined(simulate(_open("static-none"), seed=1).campaign, prefix="again-"))
+    one, both = identify(first), identify(first.joined(first, prefix="again-"))
     assert both.uncertainty("EA0B") == pytest.approx(one.uncertainty("EA0B") / np.sqrt(2.0), rel=0.05)
 
 
@@ -348,30 +256,21 @@ def test_sensor_directions_and_ball_run_out():
         calibrate_sensors(grid * [1, 1, 0], grid @ directions.T)
 
 
-def test_assessment_of_a_plan_needs_no_readings_and_names_the_useless_run():
-    plan = _open("static-none")
-    plan = replace(plan, runs=tuple(run.with_readings({}) for run in plan.runs))
+def test_assessment_of_a_plan_needs_no_readings_and_names_the_useless_run(declared):
+    plan = _plan("static-none")
     result = assess(plan)
-    fit = identify(_open("static-none"), noise="declared")
-    np.testing.assert_allclose([result.sigma[p.name] for p in fit.parameters], fit.std, rtol=1e-2)
-    still = replace(
-        plan.runs[0],
-        id="still",
-        file="still.csv",
-        commands={a: np.full(5, v[0]) for a, v in plan.runs[0].commands.items()},
-        time=np.arange(5.0),
-    )
+    np.testing.assert_allclose([result.sigma[p.name] for p in declared.parameters], declared.std, rtol=1e-2)
+    commands = {axis: np.full(5, q[0]) for axis, q in plan.runs[0].commands.items()}
+    still = replace(plan.runs[0], id="still", file="still.csv", commands=commands, time=np.arange(5.0))
     more = assess(replace(plan, runs=(*plan.runs, still)))
     assert more.run_worth["still"] < 1e-3 < more.run_worth["nest1"]
 
 
 def test_an_unknown_name_or_a_plan_is_refused_in_one_sentence():
-    plan = _open("static-none")
     with pytest.raises(InputError, match="has no parameter"):
-        identify(plan, fixed={"EX0Q": 1.0})
-    bare = replace(plan, runs=tuple(run.with_readings({}) for run in plan.runs))
+        identify(_open("static-none"), fixed={"EX0Q": 1.0})
     with pytest.raises(InputError, match="no readings"):
-        identify(bare)
+        identify(_plan("static-none"))
 
 
 def test_readings_in_the_wrong_unit_are_said_to_be_too_quiet():

@@ -18,6 +18,7 @@ from symfive.errors import InputError
 from symfive.identify import identify
 from symfive.importers import cycles_of, every, meanings, moved_pieces, read_table, split, taken, turns_of
 from symfive.machine import preset
+from symfive.model import Model
 from symfive.motion import approach
 from symfive.procedures import Nominal, campaign_of, linear_positioning, r_test_grid
 from symfive.simulate import simulate
@@ -27,8 +28,12 @@ MACHINE = preset("three-axis")
 ANGLES = np.arange(0.0, 360.0, 2.0)
 
 
+def _run(*words: object) -> int:
+    return main([str(word) for word in words])
+
+
 def _imported(folder: Path, machine: str, *words: object) -> Campaign:
-    assert main([str(w) for w in ["import", machine, *words, "-o", folder / "out", "-q"]]) == 0
+    assert _run("import", machine, *words, "-o", folder / "out", "-q") == 0
     return read_campaign(folder / "out")
 
 
@@ -74,19 +79,8 @@ def test_any_file_is_a_table_or_a_sentence(tmp_path_factory, data: bytes):
 @pytest.mark.parametrize("angles", [[0.0], [], [0, 4, 2, 8, 6, 10, 100, 50, 200]])
 def test_a_list_too_short_for_a_circle_is_one_sentence(tmp_path: Path, capsys, recwarn, angles: list[float]):
     (tmp_path / "few.txt").write_text("angle deviation\n" + "".join(f"{a} 1\n" for a in angles))
-    words = [
-        "import",
-        "three-axis",
-        tmp_path / "few.txt",
-        "-o",
-        tmp_path / "out",
-        "--radius",
-        100,
-        "--feed",
-        1000,
-        "-q",
-    ]
-    assert main([str(w) for w in [*words, "--map", "angle=1:deg", "--map", "deviation=2:um"]]) == 2
+    words = ["--radius", 100, "--feed", 1000, "--map", "angle=1:deg", "--map", "deviation=2:um"]
+    assert _run("import", "three-axis", tmp_path / "few.txt", "-o", tmp_path / "out", *words, "-q") == 2
     said = capsys.readouterr().err
     assert said.count("\n") == 1 and ("at least 20" in said) == bool(angles) and not recwarn.list
 
@@ -98,8 +92,7 @@ def test_both_senses_in_one_file_are_what_import_polar_makes_of_two(tmp_path: Pa
         (tmp_path / f"{sense}.txt").write_text("\n".join(lines))
     options = ["--radius", 100, "--feed", 1000, "--centre", "0,0,110"]
     files = [tmp_path / "ccw.txt", tmp_path / "cw.txt"]
-    polar = ["import-polar", "three-axis", *files, "-o", tmp_path / "polar", *options, "-q"]
-    assert main([str(w) for w in polar]) == 0
+    assert _run("import-polar", "three-axis", *files, "-o", tmp_path / "polar", *options, "-q") == 0
     wanted = read_campaign(tmp_path / "polar")
 
     columns = "\n".join(f"{a:.1f};{x:.4f};{y:.4f}" for a, x, y in zip(ANGLES, wave["ccw"], wave["cw"], strict=True))
@@ -127,19 +120,14 @@ def test_both_senses_in_one_file_are_what_import_polar_makes_of_two(tmp_path: Pa
                 np.testing.assert_allclose(run.commands[name], other.commands[name], atol=1e-5)
 
 
-def _laser(tmp_path: Path) -> tuple[Run, np.ndarray, np.ndarray, np.ndarray]:
-    """A test without overruns: its run, the targets, and the readings up and down (m, n)."""
+def test_a_laser_file_gives_the_numbers_of_its_test(tmp_path: Path):
+    """Of a test without overruns."""
     (run,) = linear_positioning(MACHINE, axis="X", cycles=5, overrun=3.0)
     run = simulate(campaign_of(MACHINE, [run]), seed=4).campaign.runs[0]
     way, x = run.commands["X"], run.readings["X_dev_um"]
     targets = np.unique(way)[1:-1]
     rises = np.concatenate([[True], np.diff(way) > 0.0])
     up, down = (np.array([x[(way == t) & (rises == side)][:5] for t in targets]) for side in (True, False))
-    return run, targets, up, down
-
-
-def test_a_laser_file_gives_the_numbers_of_its_test(tmp_path: Path):
-    run, targets, up, down = _laser(tmp_path)
     wanted = {v.title: v.value for v in standard_values(Campaign(machine=MACHINE, runs=(run,)))}
     rows = [
         ";".join(f"{v:.4f}".replace(".", ",") for v in (t, *u, *d)) for t, u, d in zip(targets, up, down, strict=True)
@@ -147,7 +135,6 @@ def test_a_laser_file_gives_the_numbers_of_its_test(tmp_path: Path):
     heads = ";".join(["Target [mm]", *(f"up {k} [µm]" for k in range(1, 6)), *(f"down {k} [µm]" for k in range(1, 6))])
     (tmp_path / "x.csv").write_text("\n".join(["Machine;4711", "", heads, *rows]), encoding="cp1252")
     wide = _imported(tmp_path, "three-axis", tmp_path / "x.csv", "--yes")
-    way, x = run.commands["X"], run.readings["X_dev_um"]
     inner = np.isin(way, targets)
     lines = [f"{t / 25.4:.8f}, {(t + 1e-3 * d) / 25.4:.9f}" for t, d in zip(way[inner], x[inner], strict=True)]
     (tmp_path / "long.csv").write_text("\n".join(["target (inch), measured (inch)", *lines]))
@@ -237,7 +224,7 @@ def test_a_recording_of_the_drive_names_its_axis(column: str, option: dict[str, 
     assert campaign.runs[0].noise(campaign.runs[0].instrument[0]) == pytest.approx(
         np.degrees(0.3e-6) if "deg" in column else 0.3
     )
-    assert main(["check", str(tmp_path / "out"), "-q"]) == 0
+    assert _run("check", tmp_path / "out", "-q") == 0
 
 
 def test_a_probe_cycle_shows_the_location_errors(tmp_path: Path, capsys):
@@ -248,8 +235,6 @@ def test_a_probe_cycle_shows_the_location_errors(tmp_path: Path, capsys):
     truth = {"EX0C": 40.0, "EY0C": -25.0, "EA0C": 60.0, "EB0C": -30.0}
     poses = [(b, c) for b in (-30.0, 0.0, 30.0) for c in np.arange(0.0, 360.0, 45.0)]
     sphere, rows = (80.0, 0.0, 60.0), []
-    from symfive.model import Model
-
     nominal = Nominal(machine)
     b, c = (np.array(v) for v in zip(*poses, strict=True))
     ball = (0.0, 0.0, -150.0)
@@ -275,14 +260,14 @@ def test_a_probe_cycle_shows_the_location_errors(tmp_path: Path, capsys):
     tip = [f"{row.rpartition(';')[0]};{float(row.rpartition(';')[2]) - 150.0:.6f}" for row in rows]
     (tmp_path / "tip.csv").write_text("\n".join(["pose;B_deg;C_deg;X_found_mm;Y_found_mm;Z_found_mm", *tip]))
     words = ["import", "table-bc", tmp_path / "tip.csv", "-o", tmp_path / "tip", "-q", *options]
-    assert main([str(w) for w in words]) == 2 and "those of the tip" in capsys.readouterr().err
+    assert _run(*words) == 2 and "those of the tip" in capsys.readouterr().err
     words[words.index("0,0,-150")] = "0,0,0"
-    assert main([str(w) for w in words]) == 0
+    assert _run(*words) == 0
     capsys.readouterr()
     wrong = ["import", "table-bc", tmp_path / "probe.csv", "-o", tmp_path / "wrong", *options]
     wrong[wrong.index("0,0,-150")] = "0,0,0"
-    assert main([str(w) for w in wrong]) == 0 and "beyond the stroke" in capsys.readouterr().err
-    assert main(["check", str(tmp_path / "wrong")]) == 0
+    assert _run(*wrong) == 0 and "beyond the stroke" in capsys.readouterr().err
+    assert _run("check", tmp_path / "wrong") == 0
     assert "no error in the files; look at the note above" in capsys.readouterr().out
     found = identify(campaign.with_machine(machine))
     for name in kept:
@@ -347,7 +332,7 @@ WRONG = {
 def test_what_cannot_be_guessed_is_asked_for_in_one_sentence(name: str, tmp_path: Path, capsys):
     lines, options, says, remedy = WRONG[name]
     (tmp_path / "a.csv").write_text("\n".join(lines))
-    assert main(["import", "three-axis", str(tmp_path / "a.csv"), "-o", str(tmp_path / "out"), "-q", *options]) == 2
+    assert _run("import", "three-axis", tmp_path / "a.csv", "-o", tmp_path / "out", "-q", *options) == 2
     said = capsys.readouterr().err
     assert said.count("\n") == 1 and says in said and remedy in said, said
     assert not (tmp_path / "out").exists()
@@ -356,11 +341,13 @@ def test_what_cannot_be_guessed_is_asked_for_in_one_sentence(name: str, tmp_path
 def test_what_is_guessed_is_shown_and_asked(tmp_path: Path, monkeypatch, capsys):
     """With a person at the keyboard: yes writes, no leaves nothing; both see what each column is taken for."""
     (tmp_path / "x.csv").write_text("target [mm];deviation [µm];humidity\n0;1;50\n10;2;50\n0;3;50\n")
-    words = ["import", "three-axis", str(tmp_path / "x.csv"), "-o", str(tmp_path / "out")]
     monkeypatch.setattr("sys.stdin.isatty", lambda: True, raising=False)
     for answer, code in ((False, 130), (True, 0)):
         monkeypatch.setattr("click.termui.visible_prompt_func", lambda *_, answer=answer: "y" if answer else "n")
-        assert main(words) == code and (tmp_path / "out").exists() is answer
+        assert (
+            _run("import", "three-axis", tmp_path / "x.csv", "-o", tmp_path / "out") == code
+            and (tmp_path / "out").exists() is answer
+        )
         said = capsys.readouterr().err
         assert "target in mm (guessed)" in said and "deviation in um (guessed)" in said and "not used" in said
 
@@ -370,10 +357,10 @@ def test_circles_of_one_direction_are_noted(tmp_path: Path, capsys):
     (tmp_path / "b.csv").write_text((tmp_path / "a.csv").read_text())
     words = ["import", "three-axis", tmp_path / "a.csv", tmp_path / "b.csv", "-o", tmp_path / "out", "--radius", 100]
     maps = ["--feed", 1000, "--centre", "0,0,110", "--map", "angle=1:deg", "--map", "deviation=2:um"]
-    assert main([str(w) for w in [*words, *maps]]) == 0
+    assert _run(*words, *maps) == 0
     assert "all 2 files go ccw" in capsys.readouterr().err
     words[words.index(tmp_path / "out")] = tmp_path / "two"
-    assert main([str(w) for w in [*words, *maps, "--direction", "ccw", "--direction", "cw"]]) == 0
+    assert _run(*words, *maps, "--direction", "ccw", "--direction", "cw") == 0
     assert "files go ccw" not in capsys.readouterr().err
     assert {v.name for v in standard_values(read_campaign(tmp_path / "two"))} >= {"G", "G(b)"}
 
@@ -385,7 +372,7 @@ def test_files_of_one_name_are_refused(verb: str, tmp_path: Path, capsys):
     for file in files:
         file.parent.mkdir()
         file.write_text("\n".join(f"{a} {np.sin(a):.4f}" for a in ANGLES))
-    assert main([verb, "three-axis", *map(str, files), "-o", str(tmp_path / "out"), "-q"]) == 2
+    assert _run(verb, "three-axis", *files, "-o", tmp_path / "out", "-q") == 2
     assert "two files are called 'xy'" in (said := capsys.readouterr().err) and "rename one" in said
 
 
@@ -393,19 +380,8 @@ def test_lengths_in_other_units_are_noted(tmp_path: Path, capsys):
     """mm under a head that says µm, and a bar's length in inches."""
     rows = "\n".join(f"{a},{0.004 * np.cos(np.radians(2 * a)):.6f}" for a in ANGLES)
     (tmp_path / "a.csv").write_text(f"angle [deg],deviation [um]\n{rows}")
-    words = [
-        "import",
-        "three-axis",
-        tmp_path / "a.csv",
-        "-o",
-        tmp_path / "out",
-        "--radius",
-        3.937,
-        "--feed",
-        39.4,
-        "--yes",
-    ]
-    assert main([str(w) for w in [*words, "--centre", "0,0,110"]]) == 0
+    words = ["--radius", 3.937, "--feed", 39.4, "--yes", "--centre", "0,0,110"]
+    assert _run("import", "three-axis", tmp_path / "a.csv", "-o", tmp_path / "out", *words) == 0
     said = capsys.readouterr().err
     assert "no deviation reaches the noise of 0.3 µm; if they are mm" in said
     assert "one of 100 mm, which is 3.937 in" in said and "give --radius and --centre in mm" in said

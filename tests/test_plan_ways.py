@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import re
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -31,25 +32,30 @@ def _with_travel(machine: Machine, axis: str, low: float, high: float) -> Machin
 OYAMA, TABLE = location_only("oyama-2010"), location_only("table-bc")
 
 
+def _plan(machine: Machine, **options: Any) -> Plan:
+    return plan(machine, **{"setups": 1, "starts": 1, "anywhere": False, "prove": False, **options})
+
+
+def _grid(b: tuple[float, ...], c: tuple[float, ...] = (0.0,), nest: tuple[float, ...] = (0.0, 0.0, 60.0)) -> Run:
+    return r_test_grid(OYAMA, grid={"B": b, "C": c}, nests=(nest,), returning=False)[0]
+
+
 @pytest.fixture(scope="module")
 def made() -> Plan:
     """A ball-bar plan whose table tilts beyond 90°, where a rapid straight down would meet the table's side."""
-    return plan(TABLE, instrument="ball_bar", points=8, setups=1, starts=1, anywhere=False, prove=False)
+    return _plan(TABLE, instrument="ball_bar", points=8)
 
 
 @pytest.fixture(scope="module")
 def hurried() -> Plan:
     """Ten R-test poses within a time that one set-up leaves."""
-    return plan(OYAMA, points=10, minutes=6.5, setups=1, starts=1, anywhere=False, prove=False)
+    return _plan(OYAMA, points=10, minutes=6.5)
 
 
 @pytest.fixture(scope="module")
 def few() -> Run:
     """The first run of a plan of four R-test poses."""
-    return plan(TABLE, points=4, setups=1, starts=1, anywhere=False, prove=False).campaign.runs[0]
-
-
-# --- ways --------------------------------------------------------------------------------------------------------------
+    return _plan(TABLE, points=4).campaign.runs[0]
 
 
 @pytest.mark.slow
@@ -62,7 +68,7 @@ def test_every_pose_can_be_left_and_every_move_is_clear(made: Plan) -> None:
 
 def test_a_pose_without_travel_to_draw_back_is_refused_not_written() -> None:
     """The tool ball in its nest at the upper end of Z: the retract shrank to nothing, and a rapid led straight to the pose."""
-    (run,) = r_test_grid(OYAMA, grid={"B": (0.0,), "C": (0.0, 90.0)}, nests=((0.0, 0.0, 100.0),), returning=False)
+    run = _grid((0.0,), (0.0, 90.0), (0.0, 0.0, 100.0))
     low = _with_travel(OYAMA, "Z", -100.0, float(run.commands["Z"].max()))
     sentence = r"run r-test-1: at line 2 no travel is left to draw the tool back by 10 mm; move the ball or nest, or use another"
     with pytest.raises(InputError, match=sentence):
@@ -75,7 +81,7 @@ def test_a_pose_without_travel_to_draw_back_is_refused_not_written() -> None:
 def test_poses_without_a_way_out_are_replaced_or_the_plan_is_refused() -> None:
     """With Z so short the best poses stand at its upper end, from where no tool can be drawn out of a nest."""
     short = _with_travel(TABLE, "Z", -100.0, 300.0)
-    made = plan(short, points=6, setups=1, starts=1, returns=0, anywhere=False, prove=False)
+    made = _plan(short, points=6, returns=0)
     for run in made.campaign.runs:
         assert not blocked_moves(short, run, program_steps(short, run, made.post))
         assert run.commands["Z"].max() <= top_of(short) - 10.0
@@ -89,16 +95,14 @@ def test_poses_without_a_way_out_are_replaced_or_the_plan_is_refused() -> None:
 def test_no_set_up_is_offered_over_which_the_tool_cannot_go_home() -> None:
     """With Z so short a long tool at its top reaches below a high ball in the middle: every way out of that nest ends in it."""
     head = location_only("head-bc")
-    short = _with_travel(head, "Z", -100.0, 260.0)
+    tall, low = (make_space(machine, "ball_bar") for machine in (head, _with_travel(head, "Z", -100.0, 260.0)))
     over, beside = np.array([0.1, 0.0, 1.5, 1.8]), np.array([1.5, 0.0, 1.5, 1.8])
-    for machine, offered in ((head, True), (short, False)):
-        space = make_space(machine, "ball_bar")
+    for space, offered in ((tall, True), (low, False)):
         grid = pose_grid(space, 300)
         for setup, fits in ((over, offered), (beside, True)):
             z = np.concatenate([grid, np.tile(setup, (len(grid), 1))], axis=1)
             k = np.full((len(z), 1), 150.0)
             assert space.feasible(z, k).any() == fits
-            tall = make_space(head, "ball_bar")
             z = z[tall.feasible(z, k) & (space.commands(z, k)["Z"] < 200.0)][:8]
             blocked = Reach(space).in_the_way(z, k[: len(z)])
             assert len(z) == 8 and all(blocked) != fits
@@ -116,8 +120,8 @@ def test_no_pose_is_offered_without_travel_to_draw_the_tool_back(name: str, top:
     k = np.zeros((len(drawn), 1))
     drawn = drawn[make_space(tall, "r_test").feasible(drawn, k)]
     limits = space.kernel.limits(drawn, k[: len(drawn)])
-    back = limits[:, space.limit_names.index("travel to draw the tool back")]
-    others = np.delete(limits, space.limit_names.index("travel to draw the tool back"), axis=1).min(axis=1) >= 0.0
+    place = space.limit_names.index("travel to draw the tool back")
+    back, others = limits[:, place], np.delete(limits, place, axis=1).min(axis=1) >= 0.0
     offered, left_out = (np.flatnonzero(others & side)[:60] for side in (back >= 0.0, back < 0.0))
     assert len(offered) == len(left_out) == 60
     k = np.zeros((60, 1))
@@ -128,13 +132,13 @@ def test_no_pose_is_offered_without_travel_to_draw_the_tool_back(name: str, top:
 def test_a_plan_on_a_machine_with_a_short_z_is_as_good_as_its_certificate() -> None:
     """Nothing that is chosen has to be exchanged for a pose with a way out, at whatever cost."""
     short = _with_travel(location_only("head-bc"), "Z", -200.0, 220.0)
-    made = plan(short, points=12, setups=2, starts=1, anywhere=False, prove=False)
+    made = _plan(short, points=12, setups=2)
     assert made.certificate.efficiency > 0.95
 
 
 def test_a_blocked_rapid_is_blamed_on_the_row_it_leads_to() -> None:
     """A rapid straight into the pose: the move that follows stands still, and the row stays with the rapid."""
-    (run,) = r_test_grid(OYAMA, grid={"B": (-90.0, 90.0), "C": (0.0,)}, nests=((0.0, 0.0, 60.0),), returning=False)
+    run = _grid((-90.0, 90.0))
     ends = [{n: float(q[row]) for n, q in run.commands.items()} for row in (0, 1)]
     through = {**ends[1], "Z": ends[1]["Z"] - 80.0}
     steps = program_steps(OYAMA, run, Post(unsafe={run.id: (1,)}, ways={run.id: {1: (ends[0], through, ends[1])}}))
@@ -190,16 +194,13 @@ def test_what_lies_between_two_positions_is_found() -> None:
     for aside, met in ((6.2, "tool and table ball"), (6.4, "")):  # the ends stand off by √(2² + 6.2²) - 6.35 = 0.16 mm
         ends = nominal.follow(np.array([[-2.0, aside, 50.0], [2.0, aside, 50.0]]), run.tool_ball, {}, "a move")
         start, end = np.stack([ends[n] for n in machine.axis_names], axis=1)
-        assert moves.met(np.stack([start, start, end]), np.stack([end, start, end]), rapid=False, bar=False) == [
-            met,
-            "",
-            "",
-        ]
+        found = moves.met(np.stack([start, start, end]), np.stack([end, start, end]), rapid=False, bar=False)
+        assert found == [met, "", ""]
 
 
 def test_the_tool_does_not_meet_the_tables_edge() -> None:
     """Its ball stands 5 mm beside the table, 20 mm below its plane: a tool that leans over the table passes through the edge."""
-    (run,) = r_test_grid(OYAMA, grid={"B": (0.0,), "C": (0.0,)}, nests=((0.0, 0.0, 60.0),), returning=False)
+    run = _grid((0.0,))
     edge = (OYAMA.workspace.table_radius or 0.0) + 50.0
     clear = Clearances(OYAMA, run)
     for degree, distance in ((-45.0, -np.inf), (45.0, 5.0), (0.0, 5.0)):
@@ -209,10 +210,7 @@ def test_the_tool_does_not_meet_the_tables_edge() -> None:
 
 
 def _apart(a: tuple[list[float], list[float], float, float], b: tuple[list[float], list[float], float, float]) -> float:
-    rods = [
-        Rod(np.array([start]), np.array([axis]), np.array([length]), radius) for start, axis, length, radius in (a, b)
-    ]
-    return float(apart(*rods)[0])
+    return float(apart(*(Rod(*(np.array([part]) for part in rod[:3]), rod[3]) for rod in (a, b)))[0])
 
 
 def test_cylinders_keep_apart_by_their_distance() -> None:
@@ -266,9 +264,9 @@ def test_a_slower_pace_takes_the_time_it_is_given(seconds: float) -> None:
     assert rest == pytest.approx(speed / (CAUTION * (TABLE.axes["X"].max_acceleration or 0.0)), rel=1e-9)
 
 
-def test_the_program_takes_the_time_that_its_file_says(tmp_path) -> None:
+def test_the_program_takes_the_time_that_its_file_says() -> None:
     """A way around that takes less time than a pose is given waits at the pose."""
-    (run,) = r_test_grid(OYAMA, grid={"B": (-90.0, 90.0), "C": (0.0,)}, nests=((0.0, 0.0, 60.0),), returning=False)
+    run = _grid((-90.0, 90.0))
     post = cleared(OYAMA, (run,), {run.id: (1,)})
     slow = replace(run, time=arrival_times(OYAMA, run, post, 200.0))
     steps = program_steps(OYAMA, slow, post)
@@ -276,20 +274,15 @@ def test_the_program_takes_the_time_that_its_file_says(tmp_path) -> None:
     assert sum(step.seconds for step in steps[dwells[0] + 1 : dwells[-1] + 1]) == pytest.approx(200.0, abs=0.11)
 
 
-# --- feeds and minutes -------------------------------------------------------------------------------------------------
-
-
 def _shares(machine: Machine, run: Run, post: Post) -> np.ndarray:
     """Of every feed block and axis: its speed as a share of the greatest feed."""
     found, before = [], dict.fromkeys(machine.axis_names, np.nan)
+    feeds = [machine.axes[n].max_feed or np.inf for n in machine.axis_names]
     for step in program_steps(machine, run, post):
         if step.kind == "feed":
-            speed = [abs(step.commands[n] - before[n]) / step.seconds * 60.0 for n in machine.axis_names]
-            found.append(
-                [v / (machine.axes[n].max_feed or np.inf) for v, n in zip(speed, machine.axis_names, strict=True)]
-            )
+            found.append([abs(step.commands[n] - before[n]) / step.seconds * 60.0 for n in machine.axis_names])
         before = {**before, **step.commands}
-    return np.nan_to_num(np.array(found))
+    return np.nan_to_num(np.array(found) / feeds)
 
 
 @pytest.mark.parametrize("hurried", [1.0, 0.1])
@@ -310,13 +303,10 @@ def test_no_block_asks_for_more_than_half_an_axis_greatest_feed(hurried: float) 
 
 def test_feeds_hold_on_the_path_that_the_control_makes() -> None:
     """Under tool-centre control one block leads to a pose, and the linear axes follow by themselves."""
-    (run,) = r_test_grid(OYAMA, grid={"B": (0.0,), "C": (0.0, 180.0)}, nests=((100.0, 0.0, 80.0),), returning=False)
+    run = _grid((0.0,), (0.0, 180.0), (100.0, 0.0, 80.0))
     quick = replace(run, time=run.time / 1e3)
-    (move,) = (
-        step
-        for step in program_steps(OYAMA, quick, Post(tool_centre_on="TRAORI", tool_centre_off="TRAFOOF"))
-        if step.row == 1 and step.kind == "feed"
-    )
+    steps = program_steps(OYAMA, quick, Post(tool_centre_on="TRAORI", tool_centre_off="TRAFOOF"))
+    (move,) = (step for step in steps if step.row == 1 and step.kind == "feed")
     angular = np.pi / move.seconds  # rad/s of C: the ball 100 mm off the axis goes so fast in X and in Y
     fastest = min(OYAMA.axes[n].max_feed or np.inf for n in "XY")
     assert 60.0 * angular * 100.0 <= CAUTION * fastest * (1.0 + 1e-3)
@@ -360,9 +350,6 @@ def test_another_retract_leads_to_other_ways_that_are_clear(made: Plan, tmp_path
     assert "BALL 90 MM FROM POSE 1?" in text and "G4 X5.000" in text and "NOT CHECKED" not in text
     first = (tmp_path / "plan" / "bar-1.csv").read_text().splitlines()[2]
     assert float(first.split(",")[0]) >= 5.0
-
-
-# --- words -------------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.slow

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import plant
 import pytest
+from lean import location_only
 
 from symfive.campaign import Campaign, Run, read_campaign, write_campaign
 from symfive.cli import main
@@ -20,7 +21,7 @@ from symfive.design._reach import Reach  # as above
 from symfive.design._space import make_space  # as above
 from symfive.errors import InputError
 from symfive.importers.touch_log import fitted_centres, probed_run, read_touches
-from symfive.machine import preset
+from symfive.machine import Machine, preset
 from symfive.moves import cleared
 from symfive.nc import DIALECTS, Post, Probing, arrival_times, program, write_programs
 from symfive.procedures import Nominal
@@ -100,16 +101,26 @@ def off_the_post(machine, run, post: float) -> float:
     return min(gaps)
 
 
+def on_a_post(radius: float) -> Machine:
+    machine = location_only("table-bc")
+    return replace(machine, workspace=replace(machine.workspace, post_radius=radius))
+
+
+@pytest.fixture(scope="module")
+def planned() -> Run:
+    """For a post that reaches high into its sphere, so that the probe leans least."""
+    options = {"setups": 1, "starts": 1, "anywhere": False, "prove": False}
+    return plan(on_a_post(10.0), instrument="touch_probe", points=4, **options).campaign.runs[0]
+
+
 @pytest.mark.parametrize("post", [1.0, 10.0, 14.0])
-def test_touches_keep_off_the_post(post):
-    machine = preset("table-bc")
-    machine = replace(machine, workspace=replace(machine.workspace, post_radius=post))
-    made = plan(machine, instrument="touch_probe", points=4, setups=1, starts=1, prove=False)
-    (run,) = made.campaign.runs
-    assert off_the_post(machine, run, post) > -1e-3
-    thick = replace(machine, workspace=replace(machine.workspace, post_radius=11.5))
+def test_touches_keep_off_the_post(planned, post):
+    assert off_the_post(on_a_post(post), planned, post) > -1e-3
+
+
+def test_a_post_that_touches_meet_is_refused(planned):
     with pytest.raises(InputError, match="tip and post on every exit path"):
-        cleared(thick, (run,), {})
+        cleared(on_a_post(11.5), (planned,), {})
 
 
 def test_every_pose_offered_keeps_the_stem_off_a_thick_post():

@@ -90,7 +90,7 @@ def _finding(after, key: str, coordinate: str, share: float) -> Finding:
     )  # fmt: skip
 
 
-def _nothing(result):
+def _nothing(*_):
     raise InputError("nothing to draw", remedy="none")
 
 
@@ -99,10 +99,11 @@ NOTHING = [replace(drawing, draw=_nothing) for drawing in _report.FIGURES]
 
 @pytest.fixture
 def page_of(found, tmp_path, monkeypatch):
-    """The page of a diagnosis with some findings, without the figures of the identification, and none as a file."""
+    """The page of a diagnosis with some findings and other changes, without figures but theirs, and none as a file."""
     monkeypatch.setattr(_diagnosis, "FIGURES", NOTHING)
+    monkeypatch.setattr(_diagnosis, "geometry_chart", _nothing)
     monkeypatch.setattr(_diagnosis, "keep", lambda *_: None)
-    return lambda *findings: diagnosis_report(replace(found, findings=findings), tmp_path).read_text()
+    return lambda *findings, **other: diagnosis_report(replace(found, findings=findings, **other), tmp_path).read_text()
 
 
 @pytest.fixture(scope="module")
@@ -168,13 +169,10 @@ def test_a_residual_above_the_noise_asks_for_a_repeat_that_there_is_not_yet(foun
 
 def test_a_size_that_no_machine_has_is_spoken_of(found):
     finding, usual = found.findings[1], found.after
-    assert not any(
-        "usual size" in text for text in (facts_of(finding, usual)["how large"], sentence_of(finding, usual))
-    )
     factor = np.where([p.name.startswith("gravity_sag") for p in usual.parameters], 100.0, 1.0)
-    huge = replace(usual, values=factor * usual.values)
-    for said in (facts_of(finding, huge)["how large"], sentence_of(finding, huge)):
-        assert "times its usual size" in said and "units" in said
+    for after, spoken in ((usual, False), (replace(usual, values=factor * usual.values), True)):
+        for said in (facts_of(finding, after)["how large"], sentence_of(finding, after)):
+            assert ("usual size" in said) == ("times its usual size" in said and "units" in said) == spoken
 
 
 def test_rivals_and_the_next_test_stand_with_the_finding(found):
@@ -221,19 +219,15 @@ def test_every_number_of_a_finding_has_its_uncertainty(found):
     assert "P1 −5 ± 15 µm, together 7.4σ from zero, P2 3.0 ± 9.0 µm" in said
 
 
-def test_a_fit_that_did_not_converge_says_so_first(found, tmp_path, monkeypatch):
-    monkeypatch.setattr(_diagnosis, "FIGURES", NOTHING)
-    doubtful = replace(found, after=replace(found.after, converged=False), findings=())
+def test_a_fit_that_did_not_converge_says_so_first_and_is_not_recommended(found, page_of):
+    after = replace(found.after, converged=False)
+    doubtful = replace(found, after=after, findings=())
     for text in (diagnosis_text(doubtful), doubtful.verdict, doubtful.to_data()["says"]):
         assert text.startswith("The fit did not converge: ")
-    page = diagnosis_report(doubtful, tmp_path).read_text()
+    page = page_of(after=after)
     assert "<strong>The fit did not converge: " in page and 'class="verdict yes"' not in page
-
-
-def test_a_fit_that_did_not_converge_is_not_recommended(found):
-    after = replace(found.after, converged=False)
     for findings in (found.findings, ()):
-        step = closing(replace(found, after=after, findings=findings)).partition("Next: ")[2]
+        step = closing(replace(doubtful, findings=findings)).partition("Next: ")[2]
         assert "do not use model.json" in step and "record further runs" in step
 
 
@@ -287,8 +281,7 @@ def test_a_clean_campaign_gets_a_short_page(found, tmp_path, monkeypatch):
     assert not (tmp_path / "figures" / "geometry.png").exists()
 
 
-def test_what_users_wrote_is_escaped(found, tmp_path, monkeypatch):
-    monkeypatch.setattr(_diagnosis, "FIGURES", NOTHING)
+def test_what_users_wrote_is_escaped(found, page_of):
     first = found.findings[1]
     evil = replace(
         first, says=HOSTILE, next_test=f"next/{HOSTILE}", runs=(*first.runs, "<img src=x onerror=alert(1)>"),
@@ -298,8 +291,7 @@ def test_what_users_wrote_is_escaped(found, tmp_path, monkeypatch):
     after = replace(found.after, notes=(HOSTILE,), outliers=(Outlier("nest1", 3, "dx_um", 9.0, 22.0),))
     odd = Observability(HOSTILE, HOSTILE, HOSTILE, 0.1, 2.0)
     location = replace(found.location, observability=(odd,), classes=((HOSTILE, "b"),))
-    result = replace(found, findings=(evil,), after=after, location=location)
-    page = Page(diagnosis_report(result, tmp_path).read_text())
+    page = Page(page_of(evil, after=after, location=location))
     assert page.tags.count("script") == 1 and "img" not in page.tags
     assert not any(name.startswith("on") for name, _ in page.attributes)
     assert page.words.count(HOSTILE) >= 8 and "nest1.csv" in page.words
@@ -332,8 +324,7 @@ def test_the_visible_part_is_what_the_residual_shows(found):
 )  # fmt: skip
 def test_the_affected_link_follows_the_stage(found, stage, axis, part):
     machine = found.after.model.machine
-    options = {"component": "EZB"} if stage == "gravity_sag" else {}
-    finding = replace(found.findings[0], effect=make_effect(stage, axis, **options), axis=axis, coordinate="t")
+    finding = replace(found.findings[0], effect=make_effect(stage, axis), axis=axis, coordinate="t")
     assert affected_link(finding, machine).part == part and affected_link(finding, machine).timed
     picture = chain_picture(machine, [(1, finding)], HOSTILE)
     assert "affected" in picture and 'class="badge"' in picture and "<script" not in picture
@@ -372,18 +363,13 @@ def test_lost_rows_are_named_by_file_and_row(found):
 
 def test_small_numbers_in_words():
     assert change(1.6712, 0.40212, "um") == "1.67 → 0.402" and change(0.4021, 0.4022, "um") == "0.402"
-    assert (
-        in_words("EZB") == "EZB"
-        and in_words(("B", "C")) == "B, C"
-        and in_words(7.0123, 0.064, "um") == "7.012 ± 0.064 µm"
-    )
+    assert in_words("EZB") == "EZB" and in_words(("B", "C")) == "B, C"
+    assert in_words(7.0123, 0.064, "um") == "7.012 ± 0.064 µm"
     assert in_words((0.0, 0.27712), (0.01, 0.004), "1") == "(0.000 ± 0.010, 0.2771 ± 0.0040)"
     matrix, spreads = ((1.0, 0.0123), (-0.2, 1.0)), ((0.01, 0.01), (0.1, 0.1))
     assert in_words(matrix, spreads, spread=False) == "((1.000, 0.012), (−0.20, 1.00))"
     assert percent(0.9999) == "above 99.9 %" and percent(0.5) == "50 %" and percent(0.0) == "0 %"
-    assert (
-        power_of_ten(0.03) == "0.03" and power_of_ten(3e-7) == "about 10⁻⁷" and power_of_ten(1e-300) == "below 10⁻³⁰⁰"
-    )
+    assert [power_of_ten(p) for p in (0.03, 3e-7, 1e-300)] == ["0.03", "about 10⁻⁷", "below 10⁻³⁰⁰"]
 
 
 def test_identification_report_draws_each_figure_once(found, tmp_path, monkeypatch):

@@ -30,7 +30,7 @@ ROTARY = machine_from_data(
 
 
 def test_a_machine_without_a_linear_axis_has_results_and_the_plan_of_its_test(tmp_path: Path) -> None:
-    time = 0.05 * np.arange(300.0)
+    time = 0.05 * np.arange(200.0)
     run = Run(
         id="sine", instrument=("encoder",), sampling="dynamic", time=time, commands={"C": 10.0 * np.sin(1.3 * time)},
         noise_um=0.01, options={"encoder_axes": ["C"], "encoder_zero_sigma": 1.0},
@@ -42,7 +42,7 @@ def test_a_machine_without_a_linear_axis_has_results_and_the_plan_of_its_test(tm
     asking = replace(found.findings[0], next_test="plans/apart", test=test)
     write_diagnosis(replace(found, findings=(asking,)), tmp_path)
     assert (tmp_path / "diagnosis.json").exists() and (tmp_path / "report.html").exists()
-    assert read_campaign(tmp_path / "plans" / "apart").rows == 300
+    assert read_campaign(tmp_path / "plans" / "apart").rows == 200
 
 
 def test_without_a_linear_axis_no_program_can_draw_the_tool_back() -> None:

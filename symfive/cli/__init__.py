@@ -12,7 +12,7 @@ from typing import Any
 
 import click
 
-from symfive.cli import _measure, _evaluate, _history, _standards, _import, _files  # noqa: F401  # isort: skip  (order of the help)
+from symfive.cli import _check, _plan, _measure, _evaluate, _history, _standards, _import, _files  # noqa: F401  # isort: skip  (order of the help)
 from symfive.cli._common import app
 from symfive.errors import InputError
 from symfive.outputs import by_command

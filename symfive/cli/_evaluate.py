@@ -45,17 +45,9 @@ also = click.option("--with", "also", type=PATH, multiple=True, help="A further 
 @as_json
 @quiet
 def identify(
-    campaign: Path,
-    output: Path,
-    also: tuple[Path, ...],
-    effects: Path | None,
-    noise: str,
-    loss: str,
-    figures: bool,
-    overwrite: bool,
-    as_json: bool,
-    quiet: bool,
-) -> None:
+    campaign: Path, output: Path, also: tuple[Path, ...], effects: Path | None, noise: str, loss: str, figures: bool,
+    overwrite: bool, as_json: bool, quiet: bool,
+) -> None:  # fmt: skip
     """Identify the errors of a machine. Writes identification.json, model.json, identification.html and figures."""
     from symfive.identify import identify as identify_campaign
     from symfive.model import effects_from_data, read_json
@@ -108,16 +100,9 @@ def predict(model: Path, campaign: Path, output: Path, overwrite: bool, as_json:
 @as_json
 @quiet
 def diagnose(
-    campaign: Path,
-    output: Path,
-    also: tuple[Path, ...],
-    false_alarms: float,
-    hold_out: str | None,
-    nc: tuple[str, ...],
-    overwrite: bool,
-    as_json: bool,
-    quiet: bool,
-) -> None:
+    campaign: Path, output: Path, also: tuple[Path, ...], false_alarms: float, hold_out: str | None,
+    nc: tuple[str, ...], overwrite: bool, as_json: bool, quiet: bool,
+) -> None:  # fmt: skip
     """Find the faults of a machine. Cause, location, size and confidence, the corrected model, and the next test."""
     from symfive.diagnose import diagnose as diagnose_campaign
     from symfive.report import diagnosis_text
@@ -143,16 +128,9 @@ def diagnose(
 @as_json
 @quiet
 def fleet(
-    campaigns: tuple[Path, ...],
-    output: Path,
-    diagnose: bool,
-    workers: int,
-    scheduler: str | None,
-    figures: bool,
-    redo: bool,
-    as_json: bool,
-    quiet: bool,
-) -> None:
+    campaigns: tuple[Path, ...], output: Path, diagnose: bool, workers: int, scheduler: str | None, figures: bool,
+    redo: bool, as_json: bool, quiet: bool,
+) -> None:  # fmt: skip
     """Identify or diagnose many machines. One folder of results each, and one table of all (CSV and text)."""
     from symfive.executors import executor
     from symfive.fleet import fleet as fleet_of

@@ -76,22 +76,10 @@ def codegen(model: str, output: Path, target: str, prefix: str, overwrite: bool,
 @overwrite
 @quiet
 def import_polar(
-    machine: str,
-    files: tuple[Path, ...],
-    output: Path,
-    radius: float | None,
-    feed: float | None,
-    columns: str,
-    direction: tuple[str, ...],
-    centre: str | None,
-    plane: str | None,
-    unit: str,
-    noise_um: float | None,
-    fitted: bool,
-    angle_error: float,
-    overwrite: bool,
-    quiet: bool,
-) -> None:
+    machine: str, files: tuple[Path, ...], output: Path, radius: float | None, feed: float | None, columns: str,
+    direction: tuple[str, ...], centre: str | None, plane: str | None, unit: str, noise_um: float | None,
+    fitted: bool, angle_error: float, overwrite: bool, quiet: bool,
+) -> None:  # fmt: skip
     """Import deviation over angle of a ball bar. A campaign; positions are reconstructed.
 
     Of circles that were planned, the plan's folder says radius, feed, centre and plane; a file has the name of its run, or
@@ -180,16 +168,9 @@ def _not_in_the_file(path: Path, circle: Mapping[str, Any]) -> InputError:
 @overwrite
 @quiet
 def import_rests(
-    campaign: Path,
-    files: tuple[Path, ...],
-    output: Path,
-    names: tuple[str, ...],
-    columns: str,
-    unit: str | None,
-    dwell: float,
-    overwrite: bool,
-    quiet: bool,
-) -> None:
+    campaign: Path, files: tuple[Path, ...], output: Path, names: tuple[str, ...], columns: str, unit: str | None,
+    dwell: float, overwrite: bool, quiet: bool,
+) -> None:  # fmt: skip
     """Import recordings over whole R-test runs. Cut at the rests, which are matched with the poses of the plan."""
     from symfive.importers import cut_at_rests, read_recording
 

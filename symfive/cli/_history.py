@@ -14,10 +14,7 @@ where = click.option(
     "--history", "index", type=PATH, default="history", envvar="SYMFIVE_HISTORY", help="The folder of the index."
 )
 rate = click.option(
-    "--false-alarms",
-    type=Number(1e-6, 100.0),
-    default=0.1,
-    help="Permitted false alarms per machine and year.",
+    "--false-alarms", type=Number(1e-6, 100.0), default=0.1, help="Permitted false alarms per machine and year."
 )
 
 

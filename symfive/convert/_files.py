@@ -27,9 +27,7 @@ def files(folder: Path, pattern: str) -> list[Path]:
     found = sorted(folder.glob(pattern))
     if not found:
         raise InputError(
-            f"there is no file {pattern} in the folder",
-            path=folder,
-            remedy="check that the recording is complete",
+            f"there is no file {pattern} in the folder", path=folder, remedy="check that the recording is complete"
         )
     return found
 

@@ -103,8 +103,6 @@ def _entries(path: Path) -> tuple[dict[int, float], dict[tuple[str, int, int], f
             measured[kind.removeprefix("REF_DATA_"), int(position), int(cycle)] = value
     if not targets or not measured:
         raise InputError(
-            "the file holds no TGT_DATA and REF_DATA",
-            path=path,
-            remedy="it must be an ISO230.dat of the ecmc scripts",
+            "the file holds no TGT_DATA and REF_DATA", path=path, remedy="it must be an ISO230.dat of the ecmc scripts"
         )
     return targets, measured

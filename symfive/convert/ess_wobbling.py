@@ -81,12 +81,7 @@ def _probed(log: Log) -> Run:
         commands={"C": np.interp(grid, time, angle)},
         readings={f"s{k}_um": 1e3 * (c.at(grid) - c.value.mean()) for k, c in enumerate(channels, start=1)},
         noise_um=2.0,
-        options={
-            "sensors": probes(form=bool(turns)),
-            "form_axis": "C",
-            "form_order": 2,
-            "form_sigma_um": 1000.0,
-        },
+        options={"sensors": probes(form=bool(turns)), "form_axis": "C", "form_order": 2, "form_sigma_um": 1000.0},
     )
 
 

@@ -17,8 +17,9 @@ import numpy as np
 from symfive.arrays import Array
 from symfive.campaign import Run
 from symfive.design._candidates import candidates_in, pose_grid, setup_options
+from symfive.design._pose import UNIT_MM
 from symfive.design._seated import angles_of
-from symfive.design._space import UNIT_MM, Space
+from symfive.design._space import Space
 from symfive.errors import InputError
 from symfive.optimal import marginal
 from symfive.procedures import PLANES, Nominal, circle_frame, polar_angle

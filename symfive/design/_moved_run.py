@@ -22,17 +22,7 @@ from symfive.design._paths import CirclePath
 from symfive.errors import InputError
 from symfive.instruments import instruments_of
 from symfive.model import Model, RowFunction, assemble
-from symfive.motion import (
-    GAINS,
-    LOOP,
-    Acceleration,
-    Command,
-    Direction,
-    Play,
-    Position,
-    Velocity,
-    moved_response,
-)
+from symfive.motion import GAINS, LOOP, Acceleration, Command, Direction, Play, Position, Velocity, moved_response
 from symfive.optimal import inverse
 
 STILL = 1e-12

@@ -20,7 +20,8 @@ from symfive.campaign import Campaign, Run
 from symfive.compiled import Mapped
 from symfive.design._assess import Assessment
 from symfive.design._assessment_data import six_digits
-from symfive.design._space import DIGITS, Space, follow
+from symfive.design._pose import follow
+from symfive.design._space import DIGITS, Space
 from symfive.errors import InputError
 from symfive.inference import windows_of
 from symfive.machine import Machine
@@ -163,13 +164,12 @@ def _commands(machine: Machine, path: ToolPath) -> dict[str, Array]:
     rows = np.flatnonzero(path.tip)
     if not rows.size:
         return found
-    rotary = [name for name in machine.axis_names if machine.axes[name].rotary]
+    rotary, linear = machine.rotary_axes, machine.linear_axes
     if not {"X", "Y", "Z"} <= set(machine.axis_names):
         raise InputError("tool-centre words need axes X, Y and Z", path=path.path, remedy="give a table of poses")
     angles, place = ca.SX.sym("angles", len(rotary)), ca.SX.sym("place", 3)
     position = {name: angles[i] for i, name in enumerate(rotary)}
     solved = follow(machine, position, ca.DM([0.0, 0.0, -path.tool_length]), place)
-    linear = [name for name in machine.axis_names if not machine.axes[name].rotary]
     solve = Mapped(ca.Function("follow", [angles, place], [ca.densify(ca.vertcat(*(solved[n] for n in linear)))]))
     turned = np.stack([np.radians(found[n][rows]) for n in rotary], axis=1) if rotary else np.zeros((len(rows), 0))
     tips = np.stack([found[name][rows] for name in "XYZ"], axis=1)

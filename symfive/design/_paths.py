@@ -21,7 +21,7 @@ import numpy as np
 
 from symfive.arrays import Array
 from symfive.campaign import Run
-from symfive.design._space import follow
+from symfive.design._pose import follow
 from symfive.errors import InputError
 from symfive.machine import Machine
 from symfive.procedures import (
@@ -36,10 +36,7 @@ from symfive.procedures import (
     tool_ball_of,
 )
 
-FAMILIES = {
-    "synchronous": ("ratio", "radius", "feed", "height"),
-    "planar": ("radius", "feed", "x", "y", "z"),
-}
+FAMILIES = {"synchronous": ("ratio", "radius", "feed", "height"), "planar": ("radius", "feed", "x", "y", "z")}
 RUN_UP_DEG = {"synchronous": 60.0, "planar": 180.0}
 LIMIT_POINTS = 181
 SLACK_MM = 1e-6

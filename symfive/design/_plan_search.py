@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -35,11 +35,18 @@ Driven = tuple[Schedule, Post]
 
 @dataclass(frozen=True)
 class PlanSearch:
-    """The search for the plan of a request."""
+    """The search for the plan of a request.
+
+    It remembers runs that were laid out, by their poses; the ways of runs, by their poses in order and the set-up; and what is
+    known of moves, by the set-up.
+    """
 
     request: Request
     space: Space
     task: Task
+    _laid: dict[tuple[str, bytes], list[Laid]] = field(default_factory=dict, init=False)
+    _cleared: dict[tuple[object, ...], Post] = field(default_factory=dict, init=False)
+    _tested: dict[tuple[object, ...], Tested] = field(default_factory=dict, init=False)
 
     def best(self, shares: Sequence[tuple[int, int]]) -> Found:
         """The best design of so many poses and at most so many runs, of several such pairs."""
@@ -96,21 +103,6 @@ class PlanSearch:
         return self._with_ways_out(one_tool(self.space, self.task, rounded(self.space, design))), psi
 
     @cached_property
-    def _laid(self) -> dict[tuple[str, bytes], list[Laid]]:
-        """Runs that were laid out, by their poses."""
-        return {}
-
-    @cached_property
-    def _cleared(self) -> dict[tuple[object, ...], Post]:
-        """The ways of runs that were cleared, by their poses in order and the set-up."""
-        return {}
-
-    @cached_property
-    def _tested(self) -> dict[tuple[object, ...], Tested]:
-        """What is known of moves, by the set-up."""
-        return {}
-
-    @cached_property
     def _reach(self) -> Reach:
         return Reach(self.space)
 
@@ -120,14 +112,9 @@ class PlanSearch:
     def _lay(self, rows: Rows) -> Schedule:
         asked = self.request
         return scheduled(
-            self.space,
-            rows,
-            returns=asked.returns,
-            repeats=asked.repeats,
-            noise_um=asked.noise_um,
-            index=bool(asked.index),
+            self.space, rows, returns=asked.returns, repeats=asked.repeats, noise_um=asked.noise_um, index=bool(asked.index),
             known=self._laid,
-        )
+        )  # fmt: skip
 
     def _fitted(self, rows: Rows) -> Rows:
         """As much of a design as fits into the time."""

@@ -15,8 +15,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from symfive.arrays import Array, Flags
+from symfive.design._limits import PARALLEL
+from symfive.design._pose import UNIT_MM
 from symfive.design._sensitivity import SensitivityFunction, sensitivity_function
-from symfive.design._space import PARALLEL, UNIT_MM, Space
+from symfive.design._space import Space
 from symfive.moves import NOSE_LENGTH
 from symfive.optimal import TINY, Cells, Cut, FirstCells, Layout, first_cells, spectrum_of
 

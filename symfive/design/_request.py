@@ -121,8 +121,7 @@ def with_bars(machine: Machine, lengths: Sequence[float]) -> Machine:
     for length in lengths:
         if 0.0 < length <= BALL_MM:
             raise InputError(
-                f"a bar of {length:g} mm is impossible: its balls touch at {BALL_MM} mm",
-                remedy="give its length in mm",
+                f"a bar of {length:g} mm is impossible: its balls touch at {BALL_MM} mm", remedy="give its length in mm"
             )
     return replace(machine, workspace=replace(machine.workspace, bar_lengths=tuple(float(v) for v in lengths)))
 

@@ -13,7 +13,8 @@ import numpy as np
 
 from symfive.arrays import Array, Flags
 from symfive.design._candidates import value_of
-from symfive.design._space import UNIT_MM, Space
+from symfive.design._pose import UNIT_MM
+from symfive.design._space import Space
 from symfive.optimal import Rows, Task
 
 ANGLE, PLACE = np.radians(0.01), 1.0 / UNIT_MM

@@ -8,8 +8,7 @@ The variables of one row, `z`, in this order (rad; lengths of the set-up in 100 
 The linear axes follow: they bring the tool ball onto the nest, or to the other end of the bar. A bar's length is a
 constant `k` (mm) of its set-up, chosen from the list the user owns.
 
-Collisions of table, post, bar, tool and spindle nose are kept out by the clearances of `_bodies`; the bar is kept off the
-post by its least elevation.
+`_pose` has one row as symbols, `_limits` what keeps it clear; the bar is kept off the post by its least elevation.
 """
 
 from __future__ import annotations
@@ -26,45 +25,21 @@ import numpy as np
 from symfive.arrays import Array, Flags
 from symfive.campaign import Campaign, Run, SetupSigma
 from symfive.compiled import Mapped
+from symfive.design._limits import KINKED, limits_of
+from symfive.design._pose import UNIT_MM, PoseGeometry, pose_geometry
 from symfive.errors import InputError
-from symfive.kinematics import ball_in_workpiece, chain_poses
 from symfive.machine import Machine
 from symfive.model import Model, assemble
 from symfive.motion import Position
-from symfive.moves import (
-    BALL_RADIUS,
-    RETRACTS_MM,
-    angle_clearance,
-    least_elevation,
-    least_upright,
-    nose_may_reach_post,
-    nose_over_table,
-    out_of_nest_clearance,
-    post_clearance,
-)
-from symfive.nc import at_the_top, top_of, touch_reach, upright_axis
+from symfive.moves import least_elevation
 from symfive.optimal import Kernel
 from symfive.parameters import Parameter
-from symfive.procedures import home
 
 SETUP_VARIABLES = ("table_ball.radius", "table_ball.angle", "table_ball.height", "tool.length")
-UNIT_MM = 100.0
 DIGITS = 6
 """Digits behind the point to which positions are written, so that what is tested is what is driven."""
 MOST_ELEVATION = 90.0
-LEAST_VOLUME = 0.1
-"""Where a rotary axis turns linear axes against each other: they keep at least so far from lying in one plane (a sine, 6°);
-nearer, any of many positions of the axes would do for a pose."""
-PARALLEL = "linear axes in one plane"
-TO_POST, DRAWN_BACK = "tool and post", "travel to draw the tool back"
-KINKED = (TO_POST, DRAWN_BACK)
-"""The limits that are no sum of places: a distance of two bodies, whose derivatives are nine tenths of all limits', and the
-better of two directions."""
-SAME_VOLUME = 1e-9
 SIGMAS_IN_RANGE = 3.0
-MOST_PROBE_TILT_DEG = 50.0
-"""Between the probe and the sphere's post, so that a touch square to the probe is at least 40° off the post; less where the tip
-would meet a thick post there."""
 
 
 @dataclass(frozen=True)
@@ -157,7 +132,7 @@ def make_space(
     """The space of `r_test`, `touch_probe` or `ball_bar` on a machine. Raises `InputError` where there is nothing to decide."""
     if instrument not in ("r_test", "touch_probe", "ball_bar"):
         raise InputError(f"plans with {instrument} are not designed", remedy="use r_test, touch_probe or ball_bar")
-    rotary = [name for name in machine.axis_names if machine.axes[name].rotary]
+    rotary = machine.rotary_axes
     if not rotary and instrument != "ball_bar":
         called = "an R-test" if instrument == "r_test" else "a touch probe"
         raise InputError(f"{called} needs a rotary axis and the machine has none", remedy="use instrument ball_bar")
@@ -168,9 +143,9 @@ def make_space(
     names = (*rotary, *(("bar azimuth", "bar elevation") if instrument == "ball_bar" else ()), *SETUP_VARIABLES)
     lower, upper = _bounds(machine, rotary, instrument)
     z, k = ca.SX.sym("z", len(names)), ca.SX.sym("k", 1)
-    geometry = _geometry(machine, rotary, instrument, z, k)
+    geometry = pose_geometry(machine, rotary, instrument, z, k)
     rows, shared, own, own_sigma = _rows(machine, instrument, geometry, noise_um, sigma, options or {})
-    limits, limit_names = _limits(machine, instrument, geometry, k, UNIT_MM * upper[-2:])
+    limits, limit_names = limits_of(machine, instrument, geometry, UNIT_MM * upper[-2:])
     centre, *_ = _rows(machine, "r_test", geometry, 1.0, sigma, {})
     scale = [1.0 / machine.axes[name].to_internal for name in machine.axis_names]
     commands = ca.vertcat(*(s * geometry.position[name] for s, name in zip(scale, machine.axis_names, strict=True)))
@@ -202,88 +177,10 @@ def _bounds(machine: Machine, rotary: Sequence[str], instrument: str) -> tuple[A
     return np.array(lower), np.array(upper)
 
 
-@dataclass(frozen=True)
-class _Geometry:
-    """Symbols of one row: axis positions (mm, rad), balls, tool axis and bar direction in the workpiece frame."""
-
-    position: dict[str, Any]
-    table_ball: Any
-    tool_ball: Any
-    place: Any
-    tool_axis: Any
-    bar: Any
-    length: Any
-
-
-def _geometry(machine: Machine, rotary: Sequence[str], instrument: str, z: Any, k: Any) -> _Geometry:
-    radius, angle, height, tool = (z[z.numel() - 4 + i] for i in range(4))
-    centre = ca.vertcat(*machine.table_centre, 0.0)
-    table_ball = centre + UNIT_MM * ca.vertcat(radius * ca.cos(angle), radius * ca.sin(angle), height)
-    tool_ball = ca.vertcat(0.0, 0.0, -UNIT_MM * tool)
-    bar = ca.SX(3, 1)
-    if instrument == "ball_bar":
-        azimuth, elevation = z[len(rotary)], z[len(rotary) + 1]
-        flat = ca.cos(elevation)
-        bar = ca.vertcat(flat * ca.cos(azimuth), flat * ca.sin(azimuth), ca.sin(elevation))
-    place = table_ball + k[0] * bar if instrument == "ball_bar" else table_ball
-    position = {name: z[i] for i, name in enumerate(rotary)}
-    position = follow(machine, position, tool_ball, place)
-    workpiece, spindle = chain_poses(machine, position, {}, {})
-    axis = workpiece.rotation.T @ spindle.rotation[:, 2]
-    return _Geometry(position, table_ball, tool_ball, place, axis, bar, k[0])
-
-
-def follow(machine: Machine, position: dict[str, Any], tool_ball: Any, place: Any) -> dict[str, Any]:
-    """Axis positions that bring the tool ball to `place` (workpiece frame): the ball is linear in the linear axes.
-
-    Where there are more than three linear axes those that stand first from the bed follow and the others rest at home.
-    """
-    linear, moving, ball, vector = _followers(machine, position, tool_ball)
-    rest = {n: float(np.clip(0.0, *machine.axes[n].travel)) for i, n in enumerate(linear) if i not in moving}
-    home = [ca.SX(0.0) if i in moving else ca.SX(rest[n]) for i, n in enumerate(linear)]
-    start = ca.substitute([ball], [vector], [ca.vertcat(*home)])[0]
-    solved = ca.inv_minor(ca.jacobian(ball, vector)[:, moving]) @ (place - start)
-    found = {linear[i]: ca.simplify(solved[j]) for j, i in enumerate(moving)}
-    return {name: position.get(name, found.get(name, ca.SX(rest.get(name, 0.0)))) for name in machine.axis_names}
-
-
-def _followers(machine: Machine, position: dict[str, Any], tool_ball: Any) -> tuple[list[str], list[int], Any, Any]:
-    """The linear axes, which three of them follow, and the tool ball (workpiece frame) as a function of a vector of all of them.
-    Raises `InputError` where no three span space."""
-    linear = [name for name in machine.axis_names if not machine.axes[name].rotary]
-    symbols = {name: ca.SX.sym(name) for name in linear}
-    whole = {name: position.get(name, symbols.get(name)) for name in machine.axis_names}
-    ball = ball_in_workpiece(machine, whole, tool_ball)
-    vector = ca.vertcat(*symbols.values())
-    somewhere = ca.vertcat(*position.values(), ca.SX(1, 1))  # the directions are independent anywhere or nowhere
-    free = ca.symvar(somewhere)
-    slope = ca.Function("slope", [ca.vertcat(*free)], [ca.densify(ca.jacobian(ball, vector))])
-    at_zero = np.asarray(slope([0.1] * len(free)))
-    moving: list[int] = []
-    for i in range(len(linear)):
-        if len(moving) < 3 and np.linalg.matrix_rank(at_zero[:, [*moving, i]], tol=1e-6) == len(moving) + 1:
-            moving.append(i)
-    if len(moving) < 3:
-        raise InputError("the linear axes do not span space", remedy="plans need three linear axes that do")
-    return linear, moving, ball, vector
-
-
-def _spanned(machine: Machine, position: dict[str, Any], tool_ball: Any) -> Any | None:
-    """The volume that the directions of the linear axes that follow span, where that changes because a rotary axis turns one of
-    them against the others; else None."""
-    rotary = {name: q for name, q in position.items() if machine.axes[name].rotary}
-    _, moving, ball, vector = _followers(machine, rotary, tool_ball)
-    q = ca.vertcat(*rotary.values(), ca.SX(0, 1))
-    volume = ca.fabs(ca.det(ca.jacobian(ball, vector)[:, moving]))
-    at = ca.Function("volume", [q], [volume])
-    places = (turn * np.arange(1.0, q.numel() + 1.0) for turn in (0.3, 0.7, 1.1))
-    return volume if np.ptp([float(at(place)) for place in places]) > SAME_VOLUME else None
-
-
 def _rows(
     machine: Machine,
     instrument: str,
-    geometry: _Geometry,
+    geometry: PoseGeometry,
     noise_um: float,
     sigma: SetupSigma,
     options: Mapping[str, Any],
@@ -313,100 +210,3 @@ def _rows(
     prior = np.array([p.sigma for p in shared])
     scaled = ca.horzcat(by_shared @ ca.diag(ca.DM(prior / noise_um)), by_own)
     return scaled, shared, own, np.array([p.sigma / noise_um for p in own_parameters])
-
-
-def _around_sphere(machine: Machine, geometry: _Geometry) -> dict[str, Any]:
-    """What each linear axis needs at most, mm, while the tip goes around the sphere of a pose."""
-    place = ca.SX.sym("place", 3)
-    turned = {name: q for name, q in geometry.position.items() if machine.axes[name].rotary}
-    moved = follow(machine, turned, geometry.tool_ball, place)
-    linear = [name for name in machine.axis_names if not machine.axes[name].rotary]
-    return {name: touch_reach(machine) * ca.norm_2(ca.jacobian(moved[name], place)) for name in linear}
-
-
-def _left_to_draw_back(machine: Machine, geometry: _Geometry) -> Any:
-    """mm of travel that the upright axis has left at a pose, the tool drawn back up from the table or, where that does not lead
-    down, along itself, whichever leaves more: without it there is no way out of a nest."""
-    upright = upright_axis(machine)
-    turned = {name: q for name, q in geometry.position.items() if machine.axes[name].rotary}
-    sign = math.copysign(1.0, machine.axes[upright].direction[2])
-
-    def left(way: Any) -> Any:
-        drawn = follow(machine, turned, geometry.tool_ball, geometry.place + RETRACTS_MM[0] * way)
-        return sign * (top_of(machine) - drawn[upright])
-
-    along = geometry.tool_axis
-    return ca.fmax(left(ca.DM([0.0, 0.0, 1.0])), ca.fmin(left(along), RETRACTS_MM[0] * along[2]))
-
-
-def _limits(
-    machine: Machine, instrument: str, geometry: _Geometry, k: Any, most: Array
-) -> tuple[Any, tuple[str, ...]]:  # fmt: skip
-    """What must be ≥ 0, in units of 100 mm (the bar's angle: its cosine), and what each means; `most` mm of ball height and tool
-    length (2,)."""
-    limits, names = [], []
-    margins = _around_sphere(machine, geometry) if instrument == "touch_probe" else {}
-    for name in machine.axis_names:
-        axis = machine.axes[name]
-        if not axis.rotary:
-            low, high = machine.reach(name)
-            margin = margins.get(name, 0.0)
-            limits += [
-                (geometry.position[name] - low - margin) / UNIT_MM,
-                (high - geometry.position[name] - margin) / UNIT_MM,
-            ]
-            names += [f"travel of {name}"] * 2
-    if instrument != "ball_bar":  # which leaves sideways, too
-        limits.append(_left_to_draw_back(machine, geometry) / UNIT_MM)
-        names.append(DRAWN_BACK)
-    volume = _spanned(machine, geometry.position, geometry.tool_ball)
-    if volume is not None:
-        limits.append(volume - LEAST_VOLUME)
-        names.append(PARALLEL)
-    workspace, place, axis = machine.workspace, geometry.place, geometry.tool_axis
-    if workspace.spindle_nose is not None:
-        limits += [(height - workspace.clearance) / UNIT_MM for height in nose_over_table(workspace, place, axis)]
-        names += ["spindle nose and table"] * 2
-        if instrument == "ball_bar":
-            limits.append(
-                angle_clearance(workspace, axis, -geometry.bar, k[0], workspace.bar_radius or 0.0, BALL_RADIUS)
-            )
-            gap = post_clearance(workspace, geometry.table_ball, place, axis)
-            limits.append((gap - workspace.clearance) / UNIT_MM)
-            names += ["spindle nose and bar", TO_POST]
-        elif nose_may_reach_post(workspace):
-            down = ca.DM([0.0, 0.0, -1.0])
-            limits.append(angle_clearance(workspace, axis, down, place[2], workspace.post_radius or 0.0))
-            names.append("spindle nose and post")
-    if instrument == "touch_probe":  # the touches at the equator stay off the sphere's post
-        limits.append(axis[2] - max(math.cos(math.radians(MOST_PROBE_TILT_DEG)), least_upright(workspace)))
-        names.append("touch and post")
-    if instrument == "ball_bar":
-        limits.append((geometry.place[2] - BALL_RADIUS - workspace.clearance) / UNIT_MM)
-        names.append("tool ball and table")
-    gap, least = _out_of_nest(machine, geometry, instrument == "touch_probe", most)
-    if least < 0.0:
-        limits.append(gap / UNIT_MM)
-        names.append("tool over the workpiece's origin and table ball")
-    return ca.vertcat(*limits), tuple(names)
-
-
-def _out_of_nest(machine: Machine, geometry: _Geometry, probe: bool, most: Array) -> tuple[Any, float]:
-    """Clearance (mm) of the tool where every way out of the nest leads: the upright axis at its top, all others at home; and at
-    least how large it is with a height of the ball and a tool length of at most so many (2,) mm: above all balls it has no part
-    lower than its own ball where it stands upright."""
-    end = at_the_top(machine, {name: home(axis) for name, axis in machine.axes.items()})
-    position = {name: ca.SX(machine.axes[name].to_internal * value) for name, value in end.items()}
-    workpiece, spindle = chain_poses(machine, position, {}, {})
-    axis = workpiece.rotation.T @ spindle.rotation[:, 2]
-    workspace = machine.workspace
-
-    def gap(table_ball: Any, tool_ball: Any) -> Any:
-        place = ball_in_workpiece(machine, position, tool_ball)
-        return out_of_nest_clearance(workspace, table_ball, place, axis, probe)
-
-    (height, tool), least = most, -math.inf
-    place = ca.evalf(ball_in_workpiece(machine, position, ca.DM([0.0, 0.0, -tool])))
-    if float(ca.evalf(axis)[2]) > 1.0 - SAME_VOLUME and float(place[2]) > height:
-        least = float(ca.evalf(gap(ca.vertcat(place[0], place[1], height), ca.DM([0.0, 0.0, -tool]))))
-    return gap(geometry.table_ball, geometry.tool_ball), least

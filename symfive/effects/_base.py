@@ -6,6 +6,8 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Self
 
+import casadi as ca
+
 from symfive.arrays import Array
 from symfive.effects._form import AXIS, TOOL, Form, Forms, moving
 from symfive.effects._quantity import Covariance, Quantity, Values, own_quantity
@@ -231,6 +233,10 @@ class Effect:
     def time_constant(self, tau: float, name: str = "time_constant_s") -> Parameter:
         """A parameter for a time constant, s, that usually is about `tau`."""
         return self.own(name, "s", 2.0 * tau, mean=tau, lower=1e-2 * tau)
+
+    def risen(self, row: Row, since: Any, name: str = "time_constant_s") -> Any:
+        """1 - exp(-t/τ): what has come of a rise with its time constant `name`, a time `since` (s) after it began."""
+        return 1.0 - ca.exp(-since / self.parameter(row, name))
 
     def forms_about(self, parameter: Parameter, values: Iterable[float], *shapes: Effect) -> Iterator[Form]:
         """Its form, and the same about several values of a parameter in which the readings are far from linear."""

@@ -162,12 +162,7 @@ class Tonal(Effect):
         return row.parameter(f"{own}sin") * ca.sin(angle) + row.parameter(f"{own}cos") * ca.cos(angle)
 
     def tone(
-        self,
-        campaign: Campaign,
-        parameters: Sequence[Parameter],
-        channels: int,
-        values: Values,
-        covariance: Covariance,
+        self, campaign: Campaign, parameters: Sequence[Parameter], channels: int, values: Values, covariance: Covariance
     ) -> tuple[dict[str, Quantity], Array, Array]:
         """Frequency, its two lowest aliases above half the sampling rate, `amplitude` along the main axis of the (in general
         elliptic) motion of all channels, what is `seen` of it, and its `phase` if it is common, else root mean

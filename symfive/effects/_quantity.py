@@ -44,10 +44,7 @@ def own_quantity(parameter: Parameter, values: Values, covariance: Covariance) -
 
 
 def propagate(
-    function: Callable[[Array], Array | Sequence[float]],
-    names: Sequence[str],
-    values: Values,
-    covariance: Covariance,
+    function: Callable[[Array], Array | Sequence[float]], names: Sequence[str], values: Values, covariance: Covariance
 ) -> tuple[Array, Array]:
     """function(values of `names`) (k,) and its standard deviations (k,), to first order (GUM, 5.1.2; central
     differences)."""

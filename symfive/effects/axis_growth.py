@@ -6,7 +6,6 @@ import math
 from dataclasses import dataclass, replace
 from typing import Self
 
-import casadi as ca
 import numpy as np
 
 from symfive.arrays import Array
@@ -79,10 +78,7 @@ class AxisGrowth(Effect):
 
     def apply(self, row: Row) -> None:
         axis = str(self.axis)
-        if self.shape == "linear":
-            grown = row.clock / self.span_s
-        else:
-            grown = 1.0 - ca.exp(-row.clock / self.parameter(row, "time_constant_s"))
+        grown = row.clock / self.span_s if self.shape == "linear" else self.risen(row, row.clock)
         far = row.signal(Position(axis)) - row.machine.axes[axis].travel[0] - self.parameter(row, "held")
         row.axis[axis] += self.parameter(row, "growth") * far * grown
 

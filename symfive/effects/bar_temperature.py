@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import casadi as ca
-
 from symfive.effects._base import Effect
 from symfive.effects._form import Forms
 from symfive.parameters import Parameter
@@ -50,5 +48,5 @@ class BarTemperature(Effect):
 
     def apply(self, row: Row) -> None:
         time = row.time if self.clock == "run" else row.clock
-        growth = self.parameter(row, "amplitude") * (1.0 - ca.exp(-time / self.parameter(row, "time_constant_s")))
+        growth = self.parameter(row, "amplitude") * self.risen(row, time)
         row.add_reading("ball_bar", -growth)

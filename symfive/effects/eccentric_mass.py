@@ -67,8 +67,4 @@ class EccentricMass(Effect):
     def describe(self, campaign: Campaign, values: Values, covariance: Covariance) -> dict[str, Quantity]:
         """`amplitude`, and `place`: the angle of the mass from u at zero of the axis."""
         amplitude, place = amplitude_and_phase(f"{self.key}.cos", f"{self.key}.sin", "urad", values, covariance)
-        return {
-            "component": Quantity(f"EA{self.axis}, EB{self.axis}"),
-            "amplitude": amplitude,
-            "place": place,
-        }
+        return {"component": Quantity(f"EA{self.axis}, EB{self.axis}"), "amplitude": amplitude, "place": place}

@@ -70,10 +70,7 @@ class LateralPlay(Effect):
         distance = 300.0 if axis.rotary else 50.0
         if self.shape == "play":
             distance *= 0.1
-        return (
-            width,
-            self.own("distance", axis.error_unit, distance, mean=distance, lower=0.02 * distance),
-        )
+        return (width, self.own("distance", axis.error_unit, distance, mean=distance, lower=0.02 * distance))
 
     def starts(self, run: Run) -> tuple[Parameter, ...]:
         return self.start_of_contact(run, self._moving, memory=self.shape != "step")

@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Self
 
-import casadi as ca
-
 from symfive.effects._base import Effect
 from symfive.effects._component import location_of
 from symfive.effects._form import Form, Forms, own_component
@@ -62,5 +60,5 @@ class LocationError(Effect):
         return (value, self.time_constant(tau))
 
     def apply(self, row: Row) -> None:
-        grown = 1.0 - ca.exp(-row.clock / self.parameter(row, "time_constant_s")) if self.drift else 1.0
+        grown = self.risen(row, row.clock) if self.drift else 1.0
         row.location[self.component] = row.location.get(self.component, 0.0) + self.parameter(row, "value") * grown

@@ -13,13 +13,7 @@ from symfive.parameters import Parameter
 from symfive.runs import Campaign
 
 RELATIVE_SIGMA = 0.3
-UNITS = {
-    "position_gain": "1/s",
-    "velocity_gain": "1/s",
-    "integral_time": "s",
-    "viscous": "1/s",
-    "feedforward": "1",
-}
+UNITS = {"position_gain": "1/s", "velocity_gain": "1/s", "integral_time": "s", "viscous": "1/s", "feedforward": "1"}
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -42,12 +42,9 @@ class SpindleGrowth(Effect):
         return (self.own("amplitude", "um", 20.0), self.time_constant(tau))
 
     def apply(self, row: Row) -> None:
-        growth = self.parameter(row, "amplitude") * (1.0 - ca.exp(-row.clock / self.parameter(row, "time_constant_s")))
+        growth = self.parameter(row, "amplitude") * self.risen(row, row.clock)
         row.tool_ball -= ca.vertcat(0.0, 0.0, growth)
 
     def describe(self, campaign: Campaign, values: Values, covariance: Covariance) -> dict[str, Quantity]:
         """`direction` in the tool frame."""
-        return {
-            "direction": Quantity((0.0, 0.0, -1.0), None, "1"),
-            **super().describe(campaign, values, covariance),
-        }
+        return {"direction": Quantity((0.0, 0.0, -1.0), None, "1"), **super().describe(campaign, values, covariance)}

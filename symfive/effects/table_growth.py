@@ -47,11 +47,8 @@ class TableGrowth(Effect):
         grown = ca.vertcat(
             expansion * (row.table_ball[0] - x), expansion * (row.table_ball[1] - y), self.parameter(row, "rise")
         )
-        row.table_ball += grown * (1.0 - ca.exp(-row.clock / self.parameter(row, "time_constant_s")))
+        row.table_ball += grown * self.risen(row, row.clock)
 
     def describe(self, campaign: Campaign, values: Values, covariance: Covariance) -> dict[str, Quantity]:
         """`direction` of the rise in the workpiece frame."""
-        return {
-            "direction": Quantity((0.0, 0.0, 1.0), None, "1"),
-            **super().describe(campaign, values, covariance),
-        }
+        return {"direction": Quantity((0.0, 0.0, 1.0), None, "1"), **super().describe(campaign, values, covariance)}

@@ -97,19 +97,14 @@ class ThermalDrift(Effect):
         def vector(name: str) -> Any:
             return ca.vertcat(*(self.parameter(row, f"{name}.{c}") for c in "xyz"))
 
-        since = row.clock
-        if self.shape == "delayed":
-            since = ca.fmax(row.clock - self.parameter(row, "onset_s"), 0.0)
-
-        def rise(name: str) -> Any:
-            return 1.0 - ca.exp(-since / self.parameter(row, name))
-
         if self.shape == "linear":
             row.shift += vector("rate") * row.clock
             return
-        row.shift += vector("amplitude") * rise("time_constant_s")
+        late = self.shape == "delayed"
+        since = ca.fmax(row.clock - self.parameter(row, "onset_s"), 0.0) if late else row.clock
+        row.shift += vector("amplitude") * self.risen(row, since)
         if self.shape == "mixture":
-            row.shift += vector("slow") * rise("slow_time_constant_s")
+            row.shift += vector("slow") * self.risen(row, since, "slow_time_constant_s")
 
     def describe(self, campaign: Campaign, values: Values, covariance: Covariance) -> dict[str, Quantity]:
         found: dict[str, Quantity] = {}

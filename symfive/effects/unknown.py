@@ -137,8 +137,7 @@ class Unknown(Effect):
             )
         if not self.over or not self.directions or not set(self.directions) <= set("abc" if self._turns else "xyz"):
             raise InputError(
-                f"{self.key} needs coordinates and directions",
-                remedy='write over = ["B"], directions = "xyz"',
+                f"{self.key} needs coordinates and directions", remedy='write over = ["B"], directions = "xyz"'
             )
         if self.period and not (self.basis == "fourier" and self.over in {("t",), *((name,) for name in machine.axes)}):
             raise InputError(

@@ -115,15 +115,9 @@ def follow(
 
 
 def _followed(
-    state: State,
-    years: float,
-    discount: Array,
-    value: Array,
-    variance: Array,
-    seen: Flags,
-    warmth: float,
+    state: State, years: float, discount: Array, value: Array, variance: Array, seen: Flags, warmth: float,
     renewed: bool,
-) -> tuple[State, Array, Array]:
+) -> tuple[State, Array, Array]:  # fmt: skip
     """The state after one visit, its error and the forecast's variance over s² (M, r); the evidence is still that of before."""
     mean, c, begun = state.mean.copy(), state.covariance.copy(), state.begun | seen
     mean[0] += years * mean[1]

@@ -316,9 +316,7 @@ def _text(key: str, value: Any) -> str:
     return _one_line(value)
 
 
-@lru_cache
-def _one_line(text: str) -> str:
-    return one_line(text)
+_one_line = lru_cache(one_line)
 
 
 @lru_cache

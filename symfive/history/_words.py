@@ -63,10 +63,7 @@ class MachineTable(OnScreen):
 
     def to_data(self) -> dict[str, Any]:
         """The table as JSON."""
-        return {
-            "schema": SCHEMA,
-            "machines": [{**asdict(row), "key": row.machine.key} for row in self.rows],
-        }
+        return {"schema": SCHEMA, "machines": [{**asdict(row), "key": row.machine.key} for row in self.rows]}
 
     def __str__(self) -> str:
         alarmed = sum(row.open > 0 for row in self.rows)

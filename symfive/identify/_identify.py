@@ -23,30 +23,18 @@ from symfive.instruments import INSTRUMENTS
 from symfive.model import Model
 from symfive.threads import one_thread
 
-
-def _silent(message: str) -> None:
-    pass
-
-
 FEW, QUIET = 10, 0.2
 """Residuals this many times smaller than the noise that is declared are no luck where the readings are more than a few."""
 
 
 @one_thread
 def identify(
-    campaign: Campaign | Model | Path | str,
-    *,
-    effects: Iterable[Effect] = (),
-    free: Iterable[str] | None = None,
-    fixed: Mapping[str, float] | None = None,
-    noise: str = "estimate",
-    solver: str = "gauss_newton",
-    loss: str = "square",
-    start: Mapping[str, float] | None = None,
-    start_noise: Mapping[tuple[str, str], Noise] | None = None,
-    refine: bool = True,
-    progress: Callable[[str], None] = _silent,
-) -> Identification:
+    campaign: Campaign | Model | Path | str, *, effects: Iterable[Effect] = (), free: Iterable[str] | None = None,
+    fixed: Mapping[str, float] | None = None, noise: str = "estimate", solver: str = "gauss_newton",
+    loss: str = "square", start: Mapping[str, float] | None = None,
+    start_noise: Mapping[tuple[str, str], Noise] | None = None, refine: bool = True,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Identification:  # fmt: skip
     """Maximum a posteriori estimate of every parameter of the baseline, the effects and the set-ups.
 
     `campaign` with readings, the path of its folder, or its `Model`; `effects` join the baseline. `free` names the only

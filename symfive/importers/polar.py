@@ -179,21 +179,11 @@ def as_planned(machine: Machine, run: Run) -> dict[str, Any]:
 
 
 def polar_run(
-    machine: Machine,
-    angle_deg: Sequence[float] | Array,
-    deviation_um: Sequence[float] | Array,
-    *,
-    centre: Sequence[float],
-    radius: float,
-    feed: float,
-    id: str = "circle",
-    plane: str = "XY",
-    hold: Mapping[str, float] | None = None,
-    tool_ball: Sequence[float] | None = None,
-    noise_um: float = 0.3,
-    setup_sigma_um: SetupSigma | None = None,
-    angle_error: float = ANGLE_ERROR,
-) -> Run:
+    machine: Machine, angle_deg: Sequence[float] | Array, deviation_um: Sequence[float] | Array, *,
+    centre: Sequence[float], radius: float, feed: float, id: str = "circle", plane: str = "XY",
+    hold: Mapping[str, float] | None = None, tool_ball: Sequence[float] | None = None, noise_um: float = 0.3,
+    setup_sigma_um: SetupSigma | None = None, angle_error: float = ANGLE_ERROR,
+) -> Run:  # fmt: skip
     """A dynamic ball-bar run from its polar form.
 
     `angle_deg` (N,) degree in the `plane` (`XY`, `YZ`, `ZX`) from its first axis, rising for a circle seen counter-clockwise

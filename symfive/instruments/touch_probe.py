@@ -52,11 +52,7 @@ class TouchProbe(BallInstrument):
     def parameters(self, run: Run, machine: Machine) -> tuple[Parameter, ...]:
         sigma, lobing = run.setup_sigma_um, float(run.options.get("lobing_sigma_um", 0.0))
         lobes = tuple(setup_parameter(run, f"lobing.{f}", "um", lobing) for f in ("cos", "sin")) if lobing else ()
-        return (
-            *setup_vector(run, "table_ball", sigma.table_ball),
-            *setup_vector(run, "tool_ball", sigma.tool),
-            *lobes,
-        )
+        return (*setup_vector(run, "table_ball", sigma.table_ball), *setup_vector(run, "tool_ball", sigma.tool), *lobes)
 
     def reading(self, row: Row, run: Run) -> list[Any]:
         import casadi as ca

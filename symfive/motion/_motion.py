@@ -11,9 +11,10 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from symfive.arrays import Array, Indices
+from symfive.motion._between_rows import LEAD_ROWS, along_the_curve, between, finer, instants, is_curved, lead
 from symfive.motion._drives import GAINS, drive_response
 from symfive.motion._first_order import first_order, first_order_slope
-from symfive.motion._gaps import filled, programme_of
+from symfive.motion._gaps import programme_of
 from symfive.motion._loop import LOOP
 
 if TYPE_CHECKING:
@@ -24,10 +25,6 @@ T = TypeVar("T")
 LAG = "lag"
 """The quantity of an axis without a drive that can be a parameter, s."""
 SMOOTHING_S = 0.03
-LATE_S = 5e-3
-"""Instants between which a drive's motion is a cubic of position and velocity: a fourth of a fast loop's time constant."""
-LEAD_S, LEAD_ROWS = 0.5, 5
-"""Ten time constants of a slow position loop (20 1/s); rows that say how the motion goes on backwards."""
 
 
 class Late(NamedTuple):
@@ -99,45 +96,6 @@ def _remembered(
     response = drive_response(np.frombuffer(command), interval, dict(gains), wanted)
     response.flags.writeable = False
     return response
-
-
-@lru_cache(maxsize=128)
-def _whole(steps: bytes, command: bytes) -> Array:
-    """`filled`, remembered: a recording's gaps stay the same."""
-    full = filled(np.frombuffer(steps, dtype=np.int64), np.frombuffer(command))
-    full.flags.writeable = False
-    return full
-
-
-def _spline(rows: Indices, command: Array, at: Array) -> Array:
-    """The command at other places than its rows, along a cubic spline."""
-    from scipy.interpolate import CubicSpline
-
-    return np.asarray(CubicSpline(rows, command)(at))
-
-
-def _without_chords(response: Array, finer: Array) -> Array:
-    """What follows a curve, from its responses to the chords of intervals h and h/2: these lie off it by h²/12 of its second
-    derivative on the mean (L. F. Richardson 1911)."""
-    return (4.0 * finer - response) / 3.0
-
-
-def _between(response: Array, place: Array, interval: float) -> tuple[Array, Array]:
-    """A drive's motion (N, 3, m) between its instants, `interval` s apart, at the `place` (n,) of each, and its change in a
-    second: both (n, 3, m). Position and velocity are cubic, by their own slopes; beyond the ends the axis stands."""
-    inside = (place >= 0.0) & (place <= len(response) - 1.0)
-    place = np.clip(place, 0.0, len(response) - 1.0)
-    row = np.minimum(place.astype(np.int64), len(response) - 2)
-    s = (place - row)[:, None, None]
-    before, after = response[row], response[row + 1]
-    rate = after - before
-    motion = before + s * rate
-    step = rate[:, :2].copy()
-    left, right = interval * before[:, 1:] - step, step - interval * after[:, 1:]
-    bent = (1.0 - s) * left + s * right
-    motion[:, :2] += s * (1.0 - s) * bent
-    rate[:, :2] += (1.0 - 2.0 * s) * bent + s * (1.0 - s) * (right - left)
-    return motion, rate * (inside / interval)[:, None, None]
 
 
 _PROGRAMMES: WeakKeyDictionary[Run, Run] = WeakKeyDictionary()
@@ -259,21 +217,20 @@ class RunMotion:
         name = self._freed.get((axis.name, LAG))
         if name is None:
             return command
-        factor, moving = self._instants if self._curved else 1, self.run.options.get("start") == "moving"
+        run, moving = self.run, self.run.options.get("start") == "moving"
         tau = self.values[name]
 
-        def along(column: Array, instants: int) -> Array:
-            interval, (finer, first) = self.run.interval / instants, self._finer(column, instants)
-            time, steps = interval * np.arange(len(finer)), np.full(len(finer) - 1, interval)
-            speed = float(finer[1] - finer[0]) / interval if moving else 0.0
-            rest = finer - finer[0] - speed * time
-            lagged = first_order(rest, steps, tau)
-            position, slope = finer - rest + lagged - tau * speed, first_order_slope(rest, lagged, steps, tau) - speed
-            return np.stack([position, slope])[:, first + instants * self.run.steps]
-
         def follow(column: Array) -> Array:
-            chords = along(column, factor)
-            return _without_chords(chords, along(column, 2 * factor)) if self._curved else chords
+            def along(factor: int) -> Array:
+                interval, (commanded, first) = run.interval / factor, finer(run, column, factor)
+                time, steps = interval * np.arange(len(commanded)), np.full(len(commanded) - 1, interval)
+                speed = float(commanded[1] - commanded[0]) / interval if moving else 0.0
+                rest = commanded - commanded[0] - speed * time
+                lagged = first_order(rest, steps, tau)
+                slope = first_order_slope(rest, lagged, steps, tau) - speed
+                return np.stack([commanded - rest + lagged - tau * speed, slope])[:, first + factor * run.steps]
+
+            return along_the_curve(run, instants(run) if is_curved(run) else 1, along)
 
         position, late = follow(command.value)
         return Series(position, {n: follow(slope)[0] for n, slope in command.tangents.items()} | {name: late})
@@ -323,11 +280,11 @@ class RunMotion:
 
     def _driven(self, axis: Axis, command: Array) -> AxisMotion:
         delay = self._delay
-        factor = self._instants if delay.any() or self._curved else 1
+        factor = instants(self.run) if delay.any() or is_curved(self.run) else 1
         response, names, first = self._response(axis, factor)
         if delay.any():
             place = np.asarray(first + factor * (self.run.steps - delay / self.run.interval))
-            motion, rates = _between(response, place, self.run.interval / factor)
+            motion, rates = between(response, place, self.run.interval / factor)
             rate = rates[:, :, 0]
         else:
             motion = response[first + factor * self.run.steps]
@@ -337,16 +294,6 @@ class RunMotion:
             tangents = {n: motion[:, k, 1 + i] for i, n in enumerate(names)}
             parts.append(Series(motion[:, k, 0], tangents | self._slopes(rate[:, k])))
         return AxisMotion(Series(command), *parts)
-
-    @property
-    def _instants(self) -> int:
-        """How many instants of an interval tell how an axis moves between its rows."""
-        return max(1, int(np.ceil(self.run.interval / LATE_S - 1e-9)))
-
-    @property
-    def _curved(self) -> bool:
-        """Whether the axes are commanded along a smooth curve between rows, as by a control that interpolates a circle."""
-        return self.run.options.get("between") == "curve" and self.run.rows > 3
 
     def _response(self, axis: Axis, factor: int) -> tuple[Array, tuple[str, ...], int]:
         """The drive's motion at `factor` instants per interval, without gaps and with its lead, the parameters of its
@@ -361,36 +308,12 @@ class RunMotion:
         gains = {quantity: float(getattr(axis.drive, quantity)) for quantity in LOOP}
         gains |= {quantity: self.values[name] for quantity, name in wanted.items()}
 
-        def respond(instants: int) -> tuple[Array, int]:
-            finer, first = self._finer(command, instants)
-            interval, order = self.run.interval / instants, tuple(sorted(gains.items()))
-            return _remembered(np.ascontiguousarray(finer).tobytes(), interval, order, tuple(wanted)), first
+        def respond(chords: int) -> Array:
+            commanded, order = finer(self.run, command, chords)[0].tobytes(), tuple(sorted(gains.items()))
+            return _remembered(commanded, self.run.interval / chords, order, tuple(wanted))[:: chords // factor]
 
-        response, first = respond(factor)
-        if self._curved:
-            response = _without_chords(response, respond(2 * factor)[0][::2])
-        return response, tuple(wanted.values()), first
-
-    def _finer(self, column: Array, factor: int) -> tuple[Array, int]:
-        """What is commanded at `factor` instants per interval, without gaps and with its lead, and the place of the first row."""
-        if len(column) != self.run.steps[-1] + 1:
-            column = _whole(self.run.steps.tobytes(), np.ascontiguousarray(column).tobytes())
-        lead = self._lead(column)
-        column, first = np.concatenate([lead, column]), len(lead)
-        if factor == 1:
-            return column, first
-        at, rows = np.arange((len(column) - 1) * factor + 1) / factor, np.arange(len(column))
-        return _spline(rows, column, at) if self._curved else np.interp(at, rows, column), first * factor
-
-    def _lead(self, command: Array) -> Array:
-        """What a programme commanded before the first row where the recording begins in motion (`start = "moving"`): its
-        first rows carried on backwards as a polynomial, for so long that the drive has forgotten how that began."""
-        if self.run.options.get("start") != "moving" or len(command) < LEAD_ROWS:
-            return np.zeros(0)
-        count = int(np.ceil(LEAD_S / self.run.interval))
-        stride = min(max(1, count // (4 * LEAD_ROWS)), (len(command) - 1) // (LEAD_ROWS - 1))
-        known = stride * np.arange(LEAD_ROWS)
-        return np.asarray(np.polynomial.Polynomial.fit(known, command[known], LEAD_ROWS - 1)(np.arange(-count, 0)))
+        response = along_the_curve(self.run, factor, respond)
+        return response, tuple(wanted.values()), finer(self.run, command, 1)[1] * factor
 
     def led(self, name: str) -> tuple[Array, Series, int]:
         """Instants, s, and positions of an axis with the motion before the first row, where the recording begins in motion, and
@@ -398,7 +321,7 @@ class RunMotion:
         position, interval = self.axis(name).position, self.run.interval
         if self.recorded(name) is not None or self.run.steps[:LEAD_ROWS][-1] != LEAD_ROWS - 1:
             return self.run.time, position, 0
-        led = position.through(lambda column: np.concatenate([self._lead(column), column]))
+        led = position.through(lambda column: np.concatenate([lead(self.run, column), column]))
         first = len(led.value) - self.run.rows
         before = self.run.time[0] - interval * np.arange(first, 0, -1)
         return np.concatenate([before, self.run.time]), led, first

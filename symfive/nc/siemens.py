@@ -49,9 +49,7 @@ def _prepared(dialect: Dialect, post: Post) -> Dialect:
         line for label, said in ends.items() for line in (f'{label}: MSG("{said}: RESET")', "M0", f"GOTOB {label}")
     ]
     return replace(
-        dialect,
-        head=(*dialect.head, "DEF INT FAULT"),
-        start=(*dialect.start, "GOTOF TO_WORK", *lines, "TO_WORK:"),
+        dialect, head=(*dialect.head, "DEF INT FAULT"), start=(*dialect.start, "GOTOF TO_WORK", *lines, "TO_WORK:")
     )
 
 

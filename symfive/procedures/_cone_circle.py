@@ -19,22 +19,11 @@ SENSITIVE = ("base", "surface")
 
 
 def cone_circle(
-    machine: Machine,
-    *,
-    radius: float | None = None,
-    half_angle_deg: float = 15.0,
-    inclination_deg: float = 10.0,
-    sensitive: str = "base",
-    feed: float = 500.0,
-    direction: str = "both",
-    centre: Sequence[float] | None = None,
-    start_deg: float = 0.0,
-    run_up_deg: float = 45.0,
-    tool_ball: Sequence[float] | None = None,
-    rate_hz: float = 50.0,
-    noise_um: float = 0.3,
-    setup_sigma_um: SetupSigma = BALL_SETUP,
-) -> tuple[Run, ...]:
+    machine: Machine, *, radius: float | None = None, half_angle_deg: float = 15.0, inclination_deg: float = 10.0,
+    sensitive: str = "base", feed: float = 500.0, direction: str = "both", centre: Sequence[float] | None = None,
+    start_deg: float = 0.0, run_up_deg: float = 45.0, tool_ball: Sequence[float] | None = None, rate_hz: float = 50.0,
+    noise_um: float = 0.3, setup_sigma_um: SetupSigma = BALL_SETUP,
+) -> tuple[Run, ...]:  # fmt: skip
     """The path once around a cone frustum, as in the milling test (NAS 979; with a ball bar: Y. Ihara & K. Tanaka 2005; the tests
     AK4, BK4, CK4 of ISO 10791-6), one run per direction.
 

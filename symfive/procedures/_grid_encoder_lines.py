@@ -22,21 +22,12 @@ PLATE_SETUP = SetupSigma(table_ball=1000.0, tool_ball=20.0, length=0.5, plate=50
 
 
 def grid_encoder_lines(
-    machine: Machine,
-    *,
-    axis: str = "X",
-    offsets: Sequence[tuple[float, float]] = ((0.0, 0.0), (0.0, 100.0), (100.0, 0.0)),
-    every_reading: bool = False,
-    pitch: float = 5.0,
-    reach: tuple[float, float] | None = None,
-    both_ways: bool = True,
-    centre: Sequence[float] | None = None,
-    hold: Mapping[str, float] | None = None,
-    seconds_per_pose: float = 2.0,
-    tool_ball: Sequence[float] | None = None,
-    noise_um: float = 0.3,
-    setup_sigma_um: SetupSigma = PLATE_SETUP,
-) -> tuple[Run, ...]:
+    machine: Machine, *, axis: str = "X",
+    offsets: Sequence[tuple[float, float]] = ((0.0, 0.0), (0.0, 100.0), (100.0, 0.0)), every_reading: bool = False,
+    pitch: float = 5.0, reach: tuple[float, float] | None = None, both_ways: bool = True,
+    centre: Sequence[float] | None = None, hold: Mapping[str, float] | None = None, seconds_per_pose: float = 2.0,
+    tool_ball: Sequence[float] | None = None, noise_um: float = 0.3, setup_sigma_um: SetupSigma = PLATE_SETUP,
+) -> tuple[Run, ...]:  # fmt: skip
     """Static grid-encoder readings every `pitch` mm along lines of a linear axis, one run per line and plate position.
 
     With d the direction of motion and (v, w) the other two of the machine's x, y, z in cyclic order, line 1

@@ -20,18 +20,10 @@ SHARE = 0.3
 
 
 def linear_positioning(
-    machine: Machine,
-    *,
-    axis: str = "X",
-    targets: Sequence[float] | None = None,
-    cycles: int = 5,
-    overrun: float = 2.0,
-    hold: Mapping[str, float] | None = None,
-    seconds_per_pose: float | None = None,
-    tool_ball: Sequence[float] | None = None,
-    noise_um: float = 0.3,
-    setup_sigma_um: SetupSigma = BALL_SETUP,
-) -> tuple[Run, ...]:
+    machine: Machine, *, axis: str = "X", targets: Sequence[float] | None = None, cycles: int = 5,
+    overrun: float = 2.0, hold: Mapping[str, float] | None = None, seconds_per_pose: float | None = None,
+    tool_ball: Sequence[float] | None = None, noise_um: float = 0.3, setup_sigma_um: SetupSigma = BALL_SETUP,
+) -> tuple[Run, ...]:  # fmt: skip
     """A positioning test (ISO 230-2): `cycles` times through the targets and back, each approached from both sides; one run.
 
     `targets` mm, ascending; by default at least five per metre and at least five (ISO 230-2, 5.3.2), unevenly

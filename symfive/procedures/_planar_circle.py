@@ -48,23 +48,12 @@ class _Arc:
 
 
 def planar_circle(
-    machine: Machine,
-    *,
-    plane: str = "XY",
-    instrument: str = "ball_bar",
-    radius: float | None = None,
-    feed: float | Sequence[float] = 1000.0,
-    direction: str = "both",
-    centre: Sequence[float] | None = None,
-    start_deg: float | None = None,
-    sweep_deg: float | None = None,
-    run_up_deg: float | None = None,
-    hold: Mapping[str, float] | None = None,
-    tool_ball: Sequence[float] | None = None,
-    rate_hz: float = 50.0,
-    noise_um: float = 0.3,
-    setup_sigma_um: SetupSigma = BALL_SETUP,
-) -> tuple[Run, ...]:
+    machine: Machine, *, plane: str = "XY", instrument: str = "ball_bar", radius: float | None = None,
+    feed: float | Sequence[float] = 1000.0, direction: str = "both", centre: Sequence[float] | None = None,
+    start_deg: float | None = None, sweep_deg: float | None = None, run_up_deg: float | None = None,
+    hold: Mapping[str, float] | None = None, tool_ball: Sequence[float] | None = None, rate_hz: float = 50.0,
+    noise_um: float = 0.3, setup_sigma_um: SetupSigma = BALL_SETUP,
+) -> tuple[Run, ...]:  # fmt: skip
     """Circles about `centre` in a plane of the machine frame, one run per feed and direction.
 
     `plane` `XY`, `YZ` or `ZX`; `instrument` `ball_bar` (its length is the radius) or `grid_encoder`; `radius`

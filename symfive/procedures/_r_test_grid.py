@@ -26,17 +26,11 @@ from symfive.procedures._setting import (
 
 
 def r_test_grid(
-    machine: Machine,
-    *,
-    grid: Mapping[str, Sequence[float]] | None = None,
-    nests: Sequence[Sequence[float]] | None = None,
-    returning: bool = True,
-    step_deg: float = 30.0,
-    seconds_per_pose: float | None = None,
-    tool_ball: Sequence[float] | None = None,
-    noise_um: float = 0.4,
+    machine: Machine, *, grid: Mapping[str, Sequence[float]] | None = None,
+    nests: Sequence[Sequence[float]] | None = None, returning: bool = True, step_deg: float = 30.0,
+    seconds_per_pose: float | None = None, tool_ball: Sequence[float] | None = None, noise_um: float = 0.4,
     setup_sigma_um: SetupSigma = BALL_SETUP,
-) -> tuple[Run, ...]:
+) -> tuple[Run, ...]:  # fmt: skip
     """Static R-tests at every combination of the rotary axes' positions, one run per nest.
 
     `grid` axis → positions in degree, the last axis moving fastest, to and fro; by default every rotary axis

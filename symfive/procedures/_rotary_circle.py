@@ -32,24 +32,12 @@ ON_AXIS_MM = 1e-6
 
 
 def rotary_circle(
-    machine: Machine,
-    *,
-    axis: str | None = None,
-    arrangement: str = "radial",
-    linear: str = "following",
-    length: float | None = None,
-    table_ball: Sequence[float] | None = None,
-    tool_ball: Sequence[float] | None = None,
-    start_deg: float | None = None,
-    end_deg: float | None = None,
-    run_up_deg: float = 15.0,
-    feed: float = 1800.0,
-    direction: str = "both",
-    hold: Mapping[str, float] | None = None,
-    rate_hz: float = 50.0,
-    noise_um: float = 0.3,
+    machine: Machine, *, axis: str | None = None, arrangement: str = "radial", linear: str = "following",
+    length: float | None = None, table_ball: Sequence[float] | None = None, tool_ball: Sequence[float] | None = None,
+    start_deg: float | None = None, end_deg: float | None = None, run_up_deg: float = 15.0, feed: float = 1800.0,
+    direction: str = "both", hold: Mapping[str, float] | None = None, rate_hz: float = 50.0, noise_um: float = 0.3,
     setup_sigma_um: SetupSigma = BALL_SETUP,
-) -> tuple[Run, ...]:
+) -> tuple[Run, ...]:  # fmt: skip
     """One rotary axis of the table or the head turns from `start_deg` to `end_deg`, one run per direction.
 
     `linear="following"`: the linear axes carry the tool ball around with it, so the bar (of `length` mm)

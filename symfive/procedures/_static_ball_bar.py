@@ -27,17 +27,12 @@ from symfive.procedures._setting import (
 
 
 def static_ball_bar(
-    machine: Machine,
-    *,
-    poses: Mapping[str, Sequence[float] | Array] | None = None,
+    machine: Machine, *, poses: Mapping[str, Sequence[float] | Array] | None = None,
     direction: Sequence[float] | Sequence[Sequence[float]] | None = None,
-    table_balls: Sequence[Sequence[float]] | None = None,
-    length: float | None = None,
-    seconds_per_pose: float | None = None,
-    tool_ball: Sequence[float] | None = None,
-    noise_um: float = 0.4,
+    table_balls: Sequence[Sequence[float]] | None = None, length: float | None = None,
+    seconds_per_pose: float | None = None, tool_ball: Sequence[float] | None = None, noise_um: float = 0.4,
     setup_sigma_um: SetupSigma = BALL_SETUP,
-) -> tuple[Run, ...]:
+) -> tuple[Run, ...]:  # fmt: skip
     """Static ball-bar readings, one run per position of the table ball.
 
     `poses` axis → positions in degree, one per row (`serpentine` makes them from a grid); by default one turn

@@ -29,23 +29,12 @@ SAME_MM = 1e-9
 
 
 def synchronous_circle(
-    machine: Machine,
-    *,
-    x_t: float | None = None,
-    radius: float | None = None,
-    feed: float = 1000.0,
-    direction: str = "both",
-    linear: str | None = None,
-    rotary: str | None = None,
-    height: float | None = None,
-    run_up_deg: float = 60.0,
-    sweep_deg: float = 360.0,
-    hold: Mapping[str, float] | None = None,
-    tool_ball: Sequence[float] | None = None,
-    rate_hz: float = 100.0,
-    noise_um: float = 0.3,
+    machine: Machine, *, x_t: float | None = None, radius: float | None = None, feed: float = 1000.0,
+    direction: str = "both", linear: str | None = None, rotary: str | None = None, height: float | None = None,
+    run_up_deg: float = 60.0, sweep_deg: float = 360.0, hold: Mapping[str, float] | None = None,
+    tool_ball: Sequence[float] | None = None, rate_hz: float = 100.0, noise_um: float = 0.3,
     setup_sigma_um: SetupSigma = BALL_SETUP,
-) -> tuple[Run, ...]:
+) -> tuple[Run, ...]:  # fmt: skip
     """Circles of `radius` about the table ball at `x_t` from the rotary axis (default 0.9·radius), one run
     per direction.
 

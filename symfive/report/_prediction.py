@@ -22,16 +22,9 @@ MOST_COLUMNS = 6
 
 @styled
 def prediction_chart(
-    measured: ArrayLike,
-    predicted: ArrayLike,
-    *,
-    at: ArrayLike | None = None,
-    along: str = "row",
-    names: Sequence[str] = (),
-    unit: str = "um",
-    noise: float | None = None,
-    title: str = "held-out run",
-) -> Figure:
+    measured: ArrayLike, predicted: ArrayLike, *, at: ArrayLike | None = None, along: str = "row",
+    names: Sequence[str] = (), unit: str = "um", noise: float | None = None, title: str = "held-out run",
+) -> Figure:  # fmt: skip
     """Measured and predicted readings above each other, their difference below, with its root mean square.
 
     `measured`, `predicted` (N,) or (N, ny) in `unit`; `at` (N,) the abscissa, named by `along` ("time / s"); `names`

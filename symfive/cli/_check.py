@@ -1,0 +1,26 @@
+"""Check the files of a machine or campaign."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from symfive.cli._common import PATH, app, as_json, tell
+
+
+@app.command(epilog="Example: symfive check machine.toml")
+@click.argument("path", type=PATH, help="A machine file, or a campaign's folder.")
+@as_json
+@click.option("-q", "--quiet", is_flag=True, help="Print the problems only.")
+def check(path: Path, as_json: bool, quiet: bool) -> None:
+    """Check files. Prints a summary and every problem; exit code 1 if there is one."""
+    from symfive.check import check as check_files
+
+    result = check_files(path)
+    if as_json or not quiet:
+        tell(result.to_data(), str(result), as_json)
+    elif not result.right:
+        click.echo("\n".join(map(str, result.problems)))
+    if not result.right:
+        raise click.exceptions.Exit(1)

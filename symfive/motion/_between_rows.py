@@ -1,0 +1,93 @@
+"""What is commanded between the rows of a run, and before the first one where its recording begins in motion."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from symfive.arrays import Array
+from symfive.motion._gaps import filled
+
+if TYPE_CHECKING:
+    from symfive.runs import Run
+
+LATE_S = 5e-3
+"""Instants between which a drive's motion is a cubic of position and velocity: a fourth of a fast loop's time constant."""
+LEAD_S, LEAD_ROWS = 0.5, 5
+"""Ten time constants of a slow position loop (20 1/s); rows that say how the motion goes on backwards."""
+
+
+def instants(run: Run) -> int:
+    """How many instants of an interval tell how an axis moves between its rows."""
+    return max(1, int(np.ceil(run.interval / LATE_S - 1e-9)))
+
+
+def is_curved(run: Run) -> bool:
+    """Whether the axes are commanded along a smooth curve between rows, as by a control that interpolates a circle."""
+    return run.options.get("between") == "curve" and run.rows > 3
+
+
+def along_the_curve(run: Run, factor: int, respond: Callable[[int], Array]) -> Array:
+    """The response to what is commanded, from `respond` to chords of so many instants per interval, `factor` to begin with.
+
+    Responses to chords of h and h/2 lie off that to a curve by h²/12 of its second derivative on the mean (L. F. Richardson
+    1911).
+    """
+    response = respond(factor)
+    return (4.0 * respond(2 * factor) - response) / 3.0 if is_curved(run) else response
+
+
+def finer(run: Run, column: Array, factor: int) -> tuple[Array, int]:
+    """What is commanded at `factor` instants per interval, without gaps and with its lead, and the place of the first row."""
+    if len(column) != run.steps[-1] + 1:
+        column = _whole(run.steps.tobytes(), np.ascontiguousarray(column).tobytes())
+    before = lead(run, column)
+    column, first = np.concatenate([before, column]), len(before)
+    if factor == 1:
+        return column, first
+    at, rows = np.arange((len(column) - 1) * factor + 1) / factor, np.arange(len(column))
+    if not is_curved(run):
+        return np.interp(at, rows, column), first * factor
+    from scipy.interpolate import CubicSpline
+
+    return np.asarray(CubicSpline(rows, column)(at)), first * factor
+
+
+def lead(run: Run, command: Array) -> Array:
+    """What a programme commanded before the first row where the recording begins in motion (`start = "moving"`): its first rows
+    carried on backwards as a polynomial, for so long that the drive has forgotten how that began."""
+    if run.options.get("start") != "moving" or len(command) < LEAD_ROWS:
+        return np.zeros(0)
+    count = int(np.ceil(LEAD_S / run.interval))
+    stride = min(max(1, count // (4 * LEAD_ROWS)), (len(command) - 1) // (LEAD_ROWS - 1))
+    known = stride * np.arange(LEAD_ROWS)
+    return np.asarray(np.polynomial.Polynomial.fit(known, command[known], LEAD_ROWS - 1)(np.arange(-count, 0)))
+
+
+def between(response: Array, place: Array, interval: float) -> tuple[Array, Array]:
+    """A drive's motion (N, 3, m) between its instants, `interval` s apart, at the `place` (n,) of each, and its change in a
+    second: both (n, 3, m). Position and velocity are cubic, by their own slopes; beyond the ends the axis stands."""
+    inside = (place >= 0.0) & (place <= len(response) - 1.0)
+    place = np.clip(place, 0.0, len(response) - 1.0)
+    row = np.minimum(place.astype(np.int64), len(response) - 2)
+    s = (place - row)[:, None, None]
+    before, after = response[row], response[row + 1]
+    rate = after - before
+    motion = before + s * rate
+    step = rate[:, :2].copy()
+    left, right = interval * before[:, 1:] - step, step - interval * after[:, 1:]
+    bent = (1.0 - s) * left + s * right
+    motion[:, :2] += s * (1.0 - s) * bent
+    rate[:, :2] += (1.0 - 2.0 * s) * bent + s * (1.0 - s) * (right - left)
+    return motion, rate * (inside / interval)[:, None, None]
+
+
+@lru_cache(maxsize=128)
+def _whole(steps: bytes, command: bytes) -> Array:
+    """`filled`, remembered: a recording's gaps stay the same."""
+    full = filled(np.frombuffer(steps, dtype=np.int64), np.frombuffer(command))
+    full.flags.writeable = False
+    return full
