@@ -55,7 +55,6 @@ LONGEST = 50_000
 """Runs of more rows are not looked at."""
 NOTHING = 1e-3
 """So small a share is no gain and no loss."""
-MOST_SAID = 12
 UNSEEN = 1e-3
 """A direction of the set-up that moves all readings together by so little of their noise, at 1σ of its prior, is none."""
 AT_THE_TOOL = ("drive", "axis", "structure")
@@ -309,12 +308,12 @@ def _spread(count: int, over: int) -> Array:
     return np.asarray((0.5 + np.outer(np.arange(1.0, count + 1.0), root ** -np.arange(1.0, over + 1.0))) % 1.0)
 
 
-def worth_text(worths: Sequence[Worth]) -> str:
+def worth_text(worths: Sequence[Worth], most: int = 12) -> str:
     """A line for each: the share removed in the readings and at the tool, and whether to correct it; "" where there is none."""
     rows = [
         f"  {', '.join(worth.names[:2])}: {signed(worth.readings)} of the readings' deviation, "
         f"{'no part' if worth.tool is None else signed(worth.tool)} of the error at the tool; {worth.advice}"
-        for worth in worths[:MOST_SAID]
+        for worth in worths[:most]
     ]
     return "\n".join(["Worth of each correction alone:", *rows]) if rows else ""
 

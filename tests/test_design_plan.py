@@ -16,6 +16,7 @@ from symfive.design import (
     Plan,
     Sheet,
     assess,
+    best_ratio,
     certify,
     circle_information,
     make_space,
@@ -202,8 +203,7 @@ def test_circle_information_over_the_ratio() -> None:
     width, gain = "backlash.C.width", "servo_mismatch.C.position_gain"
     assert found[1.25][width] < 0.5 * found[0.9][width] < found[0.3][width]
     assert found[0.9][gain] < 0.6 * found[0.3][gain]
-    free = {"ratios": np.linspace(1.1, 1.6, 7).tolist(), "radii": (50.0,), "feeds": (500.0,), "free": ("ratio",)}
-    (best,) = plan_circles(TSUTSUMI, PLAY[1:], count=1, for_=(width,), criterion="A", certify=False, **free).circles
+    best = best_ratio(TSUTSUMI, PLAY[1:], width, radius=50.0, feed=500.0, low=1.1, high=1.6)
     assert best.sigma[width] <= found[1.25][width]
 
 

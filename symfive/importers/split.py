@@ -58,19 +58,20 @@ def cycles_of(run: Run) -> list[Run]:
     raise InputError(f"run {run.id}: no sequence of targets repeats", remedy="import it without --split cycles")
 
 
-def turns_of(run: Run, machine: Machine, *, step_deg: float | None = None) -> list[Run]:
-    """The full revolutions: of the rotary axis that turns farthest, else of the circle that the ball describes.
+def turns_of(run: Run, machine: Machine, *, axis: str | None = None, step_deg: float | None = None) -> list[Run]:
+    """The full revolutions: of the rotary axis that turns farthest (or of `axis`), else of the circle that the ball describes.
 
     With `step_deg` the rows of a rotary axis at constant speed are interpolated to every so many degrees from 0 on and the times
     are those of a uniform motion at its mean speed (two digits, as it was programmed), so that turns repeat each other row by
     row. Raises `InputError` where there is no whole turn.
     """
-    turning = max(machine.rotary_axes, key=lambda name: float(np.ptp(run.commands[name])), default=None)
+    rotary = [name for name in machine.rotary_axes if axis in (None, name)]
+    turning = max(rotary, key=lambda name: float(np.ptp(run.commands[name])), default=None)
     if turning is not None and float(np.ptp(run.commands[turning])) >= 360.0:
         angle = np.asarray(run.commands[turning])
     else:
         circle = CircleFinder(machine).find(run)
-        angle, turning = np.zeros(1) if circle is None else np.degrees(circle.angle), None
+        angle, turning = (np.zeros(1), None) if circle is None else (np.degrees(circle.angle), None)
     if step_deg is not None and turning is not None:
         return _even_turns(run, angle, turning, step_deg)
     travelled = np.abs(angle - angle[0])

@@ -18,26 +18,28 @@ PANEL = (7.0, 1.7)
 """Width and height of one run's panel, inch."""
 
 
-def plot_signature(effect: Effect, campaign: Campaign, size: Mapping[str, float] | None = None) -> Figure:
+def plot_signature(
+    effect: Effect, campaign: Campaign, size: Mapping[str, float] | None = None, *, columns: str = ""
+) -> Figure:
     """Change of the readings over time, one panel a run, on a common scale.
 
-    `size` as in `symfive.model.signature`. Columns in µm are drawn, or all where there is none. Thin lines mark where an axis
-    reverses. The figure belongs to no window: `figure.savefig(…)`.
+    `size` as in `symfive.model.signature`; `columns` the ending of the columns to draw (default `_um`, else
+    all). Thin lines mark where an axis reverses. The figure belongs to no window: `figure.savefig(…)`.
     """
     change = signature(effect, campaign, size)
     figure = Figure(figsize=(PANEL[0], PANEL[1] * len(campaign.runs) + 0.7), layout="constrained")
     panels = figure.subplots(len(campaign.runs), 1, sharey=True, squeeze=False)[:, 0]
     for panel, run in zip(panels, campaign.runs, strict=True):
         names = [column.name for column in columns_of(run, campaign.machine)]
-        _draw(panel, run, change[run.id], names)
+        _draw(panel, run, change[run.id], names, columns or "_um")
     panels[-1].set_xlabel("time in the run / s")
     title = effect.id.replace("_", " ") + (f" of {effect.axis}" if effect.axis else "")
     figure.suptitle(f"{title}: change of the readings", fontsize=11)
     return figure
 
 
-def _draw(panel: Axes, run: Run, change: np.ndarray, names: list[str]) -> None:
-    drawn = [i for i, name in enumerate(names) if name.endswith("_um")] or list(range(len(names)))
+def _draw(panel: Axes, run: Run, change: np.ndarray, names: list[str], ending: str) -> None:
+    drawn = [i for i, name in enumerate(names) if name.endswith(ending)] or list(range(len(names)))
     style = {"linewidth": 1.2} if run.dynamic else {"linewidth": 0.6, "marker": ".", "markersize": 4.0}
     for colour, i in zip(COLOURS, drawn, strict=False):
         panel.plot(run.time, change[:, i], color=colour, label=names[i].rsplit("_", 1)[0], **style)
