@@ -259,7 +259,7 @@ class RunMotion:
         name = self._freed.get((axis.name, LAG))
         if name is None:
             return command
-        factor, moving = self._instants if self._curved else 1, self.run.options.get("start") == "moving"
+        factor, moving = self._instants if self.curved else 1, self.run.options.get("start") == "moving"
         tau = self.values[name]
 
         def along(column: Array, instants: int) -> Array:
@@ -273,7 +273,7 @@ class RunMotion:
 
         def follow(column: Array) -> Array:
             chords = along(column, factor)
-            return _without_chords(chords, along(column, 2 * factor)) if self._curved else chords
+            return _without_chords(chords, along(column, 2 * factor)) if self.curved else chords
 
         position, late = follow(command.value)
         return Series(position, {n: follow(slope)[0] for n, slope in command.tangents.items()} | {name: late})
@@ -323,7 +323,7 @@ class RunMotion:
 
     def _driven(self, axis: Axis, command: Array) -> AxisMotion:
         delay = self._delay
-        factor = self._instants if delay.any() or self._curved else 1
+        factor = self._instants if delay.any() or self.curved else 1
         response, names, first = self._response(axis, factor)
         if delay.any():
             place = np.asarray(first + factor * (self.run.steps - delay / self.run.interval))
@@ -344,7 +344,7 @@ class RunMotion:
         return max(1, int(np.ceil(self.run.interval / LATE_S - 1e-9)))
 
     @property
-    def _curved(self) -> bool:
+    def curved(self) -> bool:
         """Whether the axes are commanded along a smooth curve between rows, as by a control that interpolates a circle."""
         return self.run.options.get("between") == "curve" and self.run.rows > 3
 
@@ -367,7 +367,7 @@ class RunMotion:
             return _remembered(np.ascontiguousarray(finer).tobytes(), interval, order, tuple(wanted)), first
 
         response, first = respond(factor)
-        if self._curved:
+        if self.curved:
             response = _without_chords(response, respond(2 * factor)[0][::2])
         return response, tuple(wanted.values()), first
 
@@ -380,7 +380,7 @@ class RunMotion:
         if factor == 1:
             return column, first
         at, rows = np.arange((len(column) - 1) * factor + 1) / factor, np.arange(len(column))
-        return _spline(rows, column, at) if self._curved else np.interp(at, rows, column), first * factor
+        return _spline(rows, column, at) if self.curved else np.interp(at, rows, column), first * factor
 
     def _lead(self, command: Array) -> Array:
         """What a programme commanded before the first row where the recording begins in motion (`start = "moving"`): its
