@@ -103,6 +103,8 @@ CASES = [
     Case("axis_growth", "planar", "Y", {"shape": "linear", "span_s": 1e6},
          {"effect": "scale_error", "ppm": 30.0, "form": "growing", "time_constant_s": 1e6}, {"growth": 30.0}, agree=1e-5),
     Case("axis_growth", "static", "Z"),
+    Case("axis_turn", "static", "C"),
+    Case("axis_turn", "circle", "C", {"shape": "linear"}),
     Case("gravity_sag", "static", "B", {"component": "EZB"},
          {"component": "EZB", "amplitude": 15.0, "constant_cos": 4.0}, {"sin": 15.0, "one_minus_cos": 4.0}),
     Case("gravity_sag", "static", "B", {"component": "EAB", "parts": ("one_minus_cos",)},

@@ -83,6 +83,7 @@ def test_nothing_that_acts_over_time_is_looked_for_where_there_is_none() -> None
     timed = {
         "thermal_drift",
         "axis_growth",
+        "axis_turn",
         "spindle_growth",
         "table_growth",
         "bar_temperature",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +10,8 @@ import pytest
 from effects_world import assert_exact
 
 from symfive.campaign import Campaign, Run
-from symfive.effects import Effect, make_effect
+from symfive.diagnose import diagnose
+from symfive.effects import Effect, Form, make_effect
 from symfive.errors import InputError
 from symfive.machine import Machine, Structure, make_axis, preset
 from symfive.model import Model
@@ -95,6 +97,67 @@ def test_friction_of_a_drive_may_differ_by_direction_and_fade_with_the_speed() -
     clear = np.abs(speed) > 40.0
     expected = 20.0 * np.sign(speed) + 0.03 * np.abs(speed) - 8.0 * np.sign(speed) * np.exp(-np.abs(speed) / 12.0)
     np.testing.assert_allclose(added[clear], expected[clear], atol=0.3)  # the filter rounds reversals
+
+
+def test_friction_of_a_drive_may_change_along_the_axis() -> None:
+    plan = force_of("X", preset("three-axis"))
+    effect = make_effect("force_friction", "X", parts=("along",))
+    added = added_force(effect, plan, {"force_friction.X.along": 250.0})
+    way = plan.runs[0].commands["X"]
+    speed = np.gradient(way, plan.runs[0].time)
+    clear = np.abs(speed) > 40.0
+    np.testing.assert_allclose(added[clear], (0.25 * way * np.sign(speed))[clear], atol=0.3)
+
+
+def driven(course: Callable[[np.ndarray], np.ndarray]) -> Campaign:
+    """The force of a drive at two speeds; its Coulomb friction is 180 N and a `course` over the position, N."""
+    rng, runs = np.random.default_rng(3), []
+    machine = Machine(
+        name="axis", structure=Structure.parse("w b X t"), axes={"X": make_axis("X", travel=(-210.0, 210.0))}
+    )
+    for speed in (40.0, 120.0):
+        omega = speed / 200.0
+        time = np.arange(0.0, 4.0 * np.pi / omega, 0.05)
+        way, rate = -200.0 * np.cos(omega * time), 200.0 * omega * np.sin(omega * time)
+        sign = np.clip(rate / 0.1, -1.0, 1.0)
+        force = 0.4 * omega**2 * 200.0 * np.cos(omega * time) + 1.5 * rate + (180.0 + course(way)) * sign + 5.0
+        runs.append(
+            Run(
+                id=f"v{speed:g}", instrument=("drive_force",), sampling="dynamic", time=time, commands={"X": way},
+                readings={"X_force_N": force + rng.normal(0.0, 2.0, len(time))}, noise_um=2.0,
+                options={"axis": "X", "between": "curve", "start": "moving"},
+            )
+        )  # fmt: skip
+    return Campaign(machine=machine, runs=tuple(runs))
+
+
+def test_preload_that_changes_along_the_axis_is_found() -> None:
+    """Only speed and time had names; a screw whose friction rises by 30 % to one end was a following lag and vibrations."""
+    [finding] = diagnose(driven(lambda way: 0.27 * way)).findings
+    along = finding.parameters["along"]
+    assert (finding.name, finding.axis) == ("friction", "X")
+    assert along.value == pytest.approx(270.0, abs=3.0 * along.std)
+    assert along.std < 5.0
+
+
+def test_a_force_is_looked_for_by_place_and_direction() -> None:
+    plan = driven(np.zeros_like)
+    forms = [f for f in make_effect("unknown", over=("X",)).candidates(plan) if isinstance(f, Form)]
+    own = [f.effect for f in forms if f.effect.over == ("X", "X velocity sign") and f.effect.place == "force"]
+    assert len(own) == 1
+    table = own[0].table(plan.machine, plan.runs)
+    way, time = plan.runs[0].commands["X"], plan.runs[0].time
+    pull = np.where(np.abs(way - 40.0) < 60.0, 1.0, 0.0) * np.sign(np.gradient(way, time))
+    rows = np.r_[: len(way)]
+    left = pull - table[rows] @ np.linalg.lstsq(table[rows], pull)[0]
+    assert np.mean(left**2) < 0.3 * np.mean(pull**2)  # a place where friction is higher, in both directions
+
+
+@pytest.mark.slow
+def test_a_place_of_high_friction_is_over_position_and_direction() -> None:
+    """It was a vibration of the force with phases of its own in each run."""
+    [finding] = diagnose(driven(lambda way: 60.0 * np.exp(-0.5 * ((way - 40.0) / 50.0) ** 2))).findings
+    assert finding.effect.coordinate == "X, X velocity sign"
 
 
 def test_weight_loads_the_drive_of_a_tilted_axis() -> None:

@@ -12,9 +12,10 @@ import numpy as np
 import pytest
 from effects_world import CASES, around, campaign, every_case, model_of, polar
 
-from symfive.campaign import read_campaign
+from symfive.campaign import Campaign, Run, read_campaign
 from symfive.effects import EFFECTS, VOCABULARY, Quantity, make_effect
 from symfive.errors import InputError
+from symfive.machine import Machine, Structure, make_axis
 from symfive.model import Model, effect_to_data, effects_from_data, signature
 from symfive.report.signature import plot_signature
 
@@ -67,6 +68,28 @@ def test_a_tone_names_the_frequencies_that_read_the_same() -> None:
     rng = np.random.default_rng(1)
     runs = [replace(r, time=np.sort(rng.uniform(r.time[0], r.time[-1], r.rows))) for r in plan.runs]
     assert "alias_frequencies_hz" not in effect.describe(replace(plan, runs=tuple(runs)), values, {})
+
+
+def test_a_period_names_those_that_read_the_same() -> None:
+    """Even targets do not separate 1/period from those mirrored at 1/step: of 120 teeth every 5° they read 24; uneven ones do."""
+    targets = np.arange(-5.0, 360.0, 5.0)
+    machine = Machine(name="table", structure=Structure.parse("w C' b t"), axes={"C": make_axis("C")})
+    run = Run(
+        id="polygon", instrument=("laser",), sampling="static", time=np.arange(float(len(targets))),
+        commands={"C": targets}, options={"axis": "C"},
+    )  # fmt: skip
+    plan = Campaign(machine=machine, runs=(run,))
+    effect = make_effect("transmission_error", "C", period=15.0)
+    values = {f"{effect.key}.{n}": v for n, v in {"sin": 1.0, "cos": 0.5, "period": 15.0}.items()}
+    aliases = effect.describe(plan, values, {})["alias_periods"].value
+    assert aliases == pytest.approx((7.5, 3.75, 3.0, 360.0 / 168.0))
+    angle = 2.0 * np.pi * targets
+    read = np.sin(angle / 15.0) + 0.5 * np.cos(angle / 15.0)
+    for alias in aliases:
+        pair = np.stack([np.sin(angle / alias), np.cos(angle / alias)], axis=1)
+        assert np.abs(read - pair @ np.linalg.lstsq(pair, read)[0]).max() < 1e-9
+    uneven = replace(run, commands={"C": targets + np.random.default_rng(1).uniform(-1.0, 1.0, len(targets))})
+    assert "alias_periods" not in effect.describe(replace(plan, runs=(uneven,)), values, {})
 
 
 def test_amplitude_and_phase_are_reported_with_their_uncertainty() -> None:

@@ -18,10 +18,13 @@ from symfive.campaign import Campaign, read_campaign, write_campaign
 from symfive.design import Plan, assess, plan
 from symfive.diagnose import diagnose
 from symfive.errors import InputError
-from symfive.identify import identify
+from symfive.identify import identify, may_have_stayed
 from symfive.identify._mounted import CERTAIN, _Comparison, _Group  # odds, of which a result says only the decision
+from symfive.machine import preset
 from symfive.model import Model
+from symfive.procedures import campaign_of, linear_positioning
 from symfive.report import diagnosis_text, identification_report
+from symfive.simulate import simulate
 
 NESTS = ((90.0, -20.0, 50.0), (-40.0, 60.0, 100.0), (30.0, -70.0, 150.0), (-80.0, -40.0, 70.0))
 POSES = np.array([(b, c) for b in (-60.0, 0.0, 60.0) for c in (0.0, 90.0, 180.0, 270.0)])
@@ -155,6 +158,20 @@ def test_the_odds_that_a_ball_stayed_are_those_of_the_readings(tmp_path: Path) -
         found = _Comparison(fit.problem(), fit).log_odds(_Group("tool_ball", tuple(run.id for run in runs.runs)))
         assert found == pytest.approx(densities[1] - densities[0], rel=0.01)
         assert (found > CERTAIN) == stayed
+
+
+def test_a_laser_has_no_ball_that_may_have_stayed(tmp_path: Path) -> None:
+    """Of an axis against an indexer the report had asked for the mounting of the balls, which such a test does not have."""
+    assert may_have_stayed(identify(concealed(tmp_path / "c", said=False))) == ("the tool ball",)
+    machine = preset("three-axis")
+    runs = [
+        replace(run, id=id, file=f"{id}.csv")
+        for id in ("one", "two")
+        for run in linear_positioning(machine, axis="X", cycles=1)
+    ]
+    fit = identify(simulate(campaign_of(machine, runs), seed=1).campaign)
+    assert fit.model.campaign.alike("tool_ball")
+    assert may_have_stayed(fit) == ()
 
 
 DRIFT = {

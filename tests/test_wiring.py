@@ -1,4 +1,4 @@
-"""Sensors of an R-test that are reversed or exchanged: said with the run, and not said where physics is missing instead."""
+"""Readings that are reversed, exchanged or in another unit: said with the run, and not said where physics is missing instead."""
 
 from __future__ import annotations
 
@@ -8,16 +8,17 @@ import numpy as np
 import pytest
 from lean import location_only
 
-from symfive.campaign import Campaign
+from symfive.campaign import Campaign, Run
 from symfive.diagnose import diagnose
 from symfive.effects import make_effect
 from symfive.identify import identify, wiring_doubts
-from symfive.machine import Machine, preset
+from symfive.machine import ErrorTerm, Machine, Structure, make_axis, preset
 from symfive.procedures import campaign_of, r_test_grid
 from symfive.report import diagnosis_text
 from symfive.simulate import simulate
 
 COLUMNS = ("dx_um", "dy_um", "dz_um")
+PLACES = np.array([-300.0, -221.0, -148.0, -77.0, 3.0, 71.0, 152.0, 219.0, 300.0])
 
 
 def planned(machine: Machine) -> Campaign:
@@ -64,6 +65,52 @@ def test_sensors_with_directions_of_their_own_are_not_looked_at() -> None:
     assert len(measured.runs[0].readings) == 4
     far = {name: -values for name, values in measured.runs[0].readings.items()}
     assert wiring_doubts(identify(replace(measured, runs=(measured.runs[0].with_readings(far),)))) == ()
+
+
+def positioned(*factors: float) -> Campaign:
+    """A positioning test of an axis with a known course in each run, its readings times a factor, under noise of which a part
+    is slow."""
+    way, rng, runs = np.concatenate([PLACES, PLACES[::-1]] * 3), np.random.default_rng(8), []
+    machine = Machine(
+        name="axis", structure=Structure.parse("w b X t"), axes={"X": make_axis("X", travel=(-310.0, 310.0))},
+        errors={"EXX": ErrorTerm(name="EXX", sigma=10.0, basis=("polynomial",), order=(2,), over=("X",))},
+    )  # fmt: skip
+    for number, factor in enumerate(factors):
+        slow = 0.2 * np.sin(0.3 * np.arange(len(way)) + number)
+        read = 12.0 * way / 310.0 - 9.0 * (way / 310.0) ** 2 + slow + rng.normal(0.0, 0.3, len(way))
+        runs.append(
+            Run(
+                id=f"r{number}", instrument=("laser",), sampling="static", time=np.arange(float(len(way))),
+                commands={"X": way}, readings={"X_dev_um": factor * read}, noise_um=0.3, options={"axis": "X"},
+            )
+        )  # fmt: skip
+    return Campaign(machine=machine, runs=tuple(runs))
+
+
+@pytest.mark.parametrize(
+    ("factors", "says"),
+    [
+        ((1.0, 1.0, -1.0), ["run r2: X_dev reversed in sign would explain"]),
+        ((1.0, -1.0), ["run r0 or run r1: X_dev reversed in sign would explain"]),
+        ((1.0, 1000.0), ["run r1: X_dev 1000 times too large would explain"]),
+        ((1.0, 0.001, 1.0), ["run r1: X_dev 1000 times too small would explain"]),
+        ((1.0, 1.0), []),
+    ],
+)
+def test_a_laser_s_file_of_another_sign_or_unit_is_said(factors, says) -> None:
+    doubts = wiring_doubts(identify(positioned(*factors)))
+    assert len(doubts) == len(says) and all(d.startswith(s) for d, s in zip(doubts, says, strict=True)), doubts
+
+
+def test_an_axis_that_grows_holds_no_other_readings() -> None:
+    made = positioned(1.0, 1.0, 1.0)
+    runs = []
+    for number, run in enumerate(made.runs):
+        grown = run.readings["X_dev_um"] + 6.0 * number * run.commands["X"] / 310.0
+        runs.append(run.with_readings({"X_dev_um": grown}))
+    found = identify(replace(made, runs=tuple(runs)))
+    assert found.chi2_dof > 10.0
+    assert wiring_doubts(found) == ()
 
 
 def test_right_wiring_is_not_doubted() -> None:

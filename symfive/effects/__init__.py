@@ -14,6 +14,7 @@ from symfive.effects._form import AXIS, BALL, CARRIED, FORCE, TOOL, Form, Scan, 
 from symfive.effects._quantity import Quantity
 from symfive.effects._words import coordinate_words, effect_words, fits, form_words
 from symfive.effects.axis_growth import AxisGrowth
+from symfive.effects.axis_turn import AxisTurn
 from symfive.effects.backlash import Backlash
 from symfive.effects.bar_length import BarLength
 from symfive.effects.bar_temperature import BarTemperature
@@ -92,6 +93,7 @@ _TABLE: tuple[type[Effect], ...] = (
     SpindleGrowth,
     TableGrowth,
     AxisGrowth,
+    AxisTurn,
     BarLength,
     BarTemperature,
     TableStep,

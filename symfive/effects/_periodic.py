@@ -91,15 +91,27 @@ class Periodic(Effect):
             yield self.parameter(row, f"cos{end}") * ca.cos(order * angle)
 
     def describe(self, campaign: Campaign, values: Values, covariance: Covariance) -> dict[str, Quantity]:
-        """Period, amplitudes and phases."""
+        """Period, the four longest others that read the same at even targets, amplitudes and phases."""
         own = {p.name.removeprefix(self.key + "."): p for p in self.parameters(campaign)}
         known = Quantity(self.period, 0.0, self.its_axis(campaign).unit)
-        found = {"period": own_quantity(own["period"], values, covariance) if "period" in own else known}
+        period = own_quantity(own["period"], values, covariance) if "period" in own else known
+        found = {"period": period, **self._aliases(campaign, period)}
         for _, end in self._orders:
             sine, cosine = own[f"sin{end}"], own[f"cos{end}"]
             amplitude, phase = amplitude_and_phase(sine.name, cosine.name, sine.unit, values, covariance)
             found |= {f"amplitude{end}": amplitude, f"phase{end}": phase}
         return found
+
+    def _aliases(self, campaign: Campaign, period: Quantity) -> dict[str, Quantity]:
+        """`alias_periods` at even targets: C. E. Shannon 1949."""
+        ways = [run.commands[str(self.axis)] for run in campaign.runs if self.applies(run)]
+        rate = _like_zero(np.unique(np.concatenate(ways))) if ways else 0.0
+        if not rate:
+            return {}
+        length = float(period.value)  # type: ignore[arg-type]
+        periods = [1.0 / abs(n * rate + sign / length) for n in (1, 2) for sign in (-1.0, 1.0)]
+        spread = float(period.std) / length**2  # type: ignore[arg-type]
+        return {"alias_periods": Quantity(tuple(periods), tuple(p**2 * spread for p in periods), period.unit)}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -229,7 +241,17 @@ def _uneven(targets: Array, step: float) -> float:
     reach, count = float(np.ptp(targets)), len(targets)
     if count > MANY or not CYCLES * READINGS * step <= reach <= CYCLES * count * step:
         return 1.0
-    frequencies = np.arange(0.5 / step, MANY / reach, 0.1 / reach)
-    window = np.abs(np.exp(2j * np.pi * np.outer(frequencies, targets)).mean(axis=1))
-    alike = frequencies[window > ALIKE]
-    return max(1.0, float(alike[0] if len(alike) else frequencies[-1]) * step)
+    return max(1.0, (_like_zero(targets) or MANY / reach) * step)
+
+
+def _like_zero(targets: Array) -> float:
+    """The lowest frequency that reads like 0 at some targets, 1/step of even ones, per mm or degree; 0 where none does.
+
+    The first and the last target read alike, so that it has whole cycles between them.
+    """
+    reach = float(np.ptp(targets))
+    if not reach or len(targets) > MANY:
+        return 0.0
+    cycles = np.arange(1, MANY + 1)
+    alike = cycles[np.abs(np.exp(2j * np.pi / reach * np.outer(cycles, targets)).mean(axis=1)) > ALIKE]
+    return float(alike[0]) / reach if len(alike) else 0.0

@@ -47,8 +47,8 @@ def unidentified_forms(kind: type[Unknown], campaign: Campaign) -> Iterable[Form
 
     Coordinates: each axis that moves, its velocity and acceleration (dynamic runs only), its distance since reversal, its
     position by direction of approach (a table of values where positions repeat, as in a test by ISO 230-2), each pair of rotary
-    axes, and time, also as a cycle; the row of each run without a clock. Drive forces: over velocity and position. Coordinates
-    that the campaign does not move are omitted.
+    axes, and time, also as a cycle; the row of each run without a clock. Drive forces: over velocity, position, and position by
+    direction. Coordinates that the campaign does not move are omitted.
     """
     machine, axes = campaign.machine, moving(campaign)
     unclocked = [run.id for run in campaign.runs if not run.has_clock]
@@ -74,6 +74,9 @@ def unidentified_forms(kind: type[Unknown], campaign: Campaign) -> Iterable[Form
         family, degree = ("bspline", 1) if knots else (family, degree)
         by_side = kind(over=(axis, f"{axis}{SIGN}"), basis=(family, "polynomial"), order=(degree, 1), knots=knots)
         drafts.append(replace(by_side, place="axis", tag="axis"))
+        if axis in driven_axes(campaign):
+            table = replace(by_side, basis=("bspline", "polynomial"), order=(SIDES, 1), knots=())
+            drafts.append(replace(table, place="force", tag="force"))
     drafts += [kind(over=(f"{axis}{what}",), order=SIDES, place="force", tag="force")
                for axis in driven_axes(campaign) for what in (VELOCITY, "")]  # fmt: skip
     for draft in drafts:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -47,16 +47,19 @@ class AxisGrowth(Effect):
     span_s: float = 0.0
 
     def prepare(self, campaign: Campaign) -> Self:
-        effect = super().prepare(campaign)
-        if self.its_axis(campaign).rotary:
-            raise InputError(f"{self.key}: a rotary axis does not grow along its way", remedy="use thermal_drift")
+        if super().prepare(campaign).its_axis(campaign).rotary:
+            raise InputError(f"{self.key}: a rotary axis does not grow along its way", remedy="use axis_turn")
+        return self.timed(campaign)
+
+    def timed(self, campaign: Campaign) -> Self:
+        """With its time taken from the campaign."""
         if not 0.0 <= self.span_s < math.inf:
             raise InputError(
                 f"{self.key}: span_s = {self.span_s} is no time", remedy="write span_s = …, in s, or leave it out"
             )
         if self.shape != "linear":
-            return replace(effect, span_s=0.0)
-        return replace(effect, span_s=self.span_s or self.clock_span(campaign))
+            return replace(self, span_s=0.0)
+        return replace(self, span_s=self.span_s or self.clock_span(campaign))
 
     @classmethod
     def candidates(cls, campaign: Campaign) -> Forms:
@@ -78,20 +81,27 @@ class AxisGrowth(Effect):
 
     def apply(self, row: Row) -> None:
         axis = str(self.axis)
-        grown = row.clock / self.span_s if self.shape == "linear" else self.risen(row, row.clock)
         far = row.signal(Position(axis)) - row.machine.axes[axis].travel[0] - self.parameter(row, "held")
-        row.axis[axis] += self.parameter(row, "growth") * far * grown
+        row.axis[axis] += self.parameter(row, "growth") * far * self.grown(row)
+
+    def grown(self, row: Row) -> Any:
+        """g(t)."""
+        return row.clock / self.span_s if self.shape == "linear" else self.risen(row, row.clock)
 
     def describe(self, campaign: Campaign, values: Values, covariance: Covariance) -> dict[str, Quantity]:
         """Its parameters, `held` as a position of the axis, and `reached`, the growth at the end of the campaign: well known
         where growth and time constant are not, because only the first part of the rise was seen."""
-        end, names = self.clock_span(campaign), [p.name for p in self.parameters(campaign)]
-
-        def reached(p: Array) -> float:
-            return float(p[0] * (end / self.span_s if self.shape == "linear" else 1.0 - np.exp(-end / p[2])))
-
         found = super().describe(campaign, values, covariance)
         held = found["held"]
         assert isinstance(held.value, float)
         found["held"] = replace(held, value=self.its_axis(campaign).travel[0] + held.value)
-        return {**found, "reached": propagated(reached, names, "ppm", values, covariance)}
+        return {**found, "reached": self.reached(campaign, values, covariance)}
+
+    def reached(self, campaign: Campaign, values: Values, covariance: Covariance) -> Quantity:
+        """Its first parameter as far as it has come at the end of the campaign."""
+        end, own = self.clock_span(campaign), self.parameters(campaign)
+
+        def size(p: Array) -> float:
+            return float(p[0] * (end / self.span_s if self.shape == "linear" else 1.0 - np.exp(-end / p[-1])))
+
+        return propagated(size, [p.name for p in own], own[0].unit, values, covariance)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -9,14 +10,15 @@ import casadi as ca
 
 from symfive.effects._force import ForceEffect, driven_axes
 from symfive.effects._form import FORCE, Form, Forms
+from symfive.effects._quantity import Quantity
 from symfive.errors import InputError
 from symfive.instruments.drive_force import DriveForce, FilteredMotion, driven_axis
-from symfive.motion import Signal, Velocity
+from symfive.motion import Position, Signal, Velocity
 from symfive.parameters import Parameter
 from symfive.row import Row
 from symfive.runs import Campaign, Run
 
-PARTS = ("coulomb", "offset", "skew", "stribeck")
+PARTS = ("coulomb", "offset", "skew", "stribeck", "along")
 OTHERS = (PARTS[:3], ("coulomb", "offset", "stribeck"))
 """Parts of other shapes of one that depends on the speed."""
 USUAL_SPEED = 0.1
@@ -25,11 +27,12 @@ USUAL_SPEED = 0.1
 
 @dataclass(frozen=True, kw_only=True)
 class ForceFriction(ForceEffect):
-    """F += coulomb·sgn(v) + offset + skew·|v| + stribeck·sgn(v)·exp(-|v|/speed) in the recording of an axis' drive force,
-    N or Nm.
+    """F += (coulomb + along·q)·sgn(v) + offset + skew·|v| + stribeck·sgn(v)·exp(-|v|/speed) in the recording of an axis' drive
+    force, N or Nm.
 
-    `parts` are those of the four that are fitted: Coulomb friction and `offset`, half of what the two directions differ in size
+    `parts` are those of the five that are fitted: Coulomb friction and `offset`, half of what the two directions differ in size
     (a counterweight, gravity, the amplifier's zero); `skew` (N s/m or Nm s/rad), by which viscous friction differs between them;
+    `along` (N/m or Nm/rad), Coulomb friction that changes along the axis, as with the preload of a screw or a guideway;
     `stribeck`, friction that fades (or, below 0, builds up) within a characteristic `speed` (mm/s or degree/s; B.
     Armstrong-Hélouvry, P. Dupont & C. Canudas de Wit 1994). A run whose baseline already holds one of them (`force_terms`) is
     left alone. Typical 10–500 N.
@@ -79,14 +82,24 @@ class ForceFriction(ForceEffect):
         for axis in driven_axes(campaign):
             others = tuple(cls(axis=axis, parts=parts, tag="speed") for parts in OTHERS)
             yield Form(effect=cls(axis=axis))
-            yield Form(effect=cls(axis=axis, parts=PARTS, tag="speed"), shapes=others)
-            more = tuple(cls(axis=axis, parts=(part,), tag="speed") for part in PARTS[2:])
-            yield Form(effect=cls(axis=axis, parts=PARTS[2:], tag="speed"), shapes=more)  # beside the baseline's own
+            yield Form(effect=cls(axis=axis, parts=PARTS[:4], tag="speed"), shapes=others)
+            more = tuple(cls(axis=axis, parts=(part,), tag="speed") for part in PARTS[2:4])
+            yield Form(effect=cls(axis=axis, parts=PARTS[2:4], tag="speed"), shapes=more)  # beside the baseline's own
+            yield Form(effect=cls(axis=axis, parts=PARTS[4:], tag="place"))
+
+    def advice(self, sizes: Mapping[str, Quantity]) -> tuple[str, str]:
+        if "along" in sizes:
+            return (
+                "friction that changes along the axis",
+                "check preload, alignment and lubrication of screw and guideway where the friction is larger",
+            )
+        return self.says, self.action
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         axis = self.its_axis(campaign)
-        unit, rate = ("Nm", "Nm s/rad") if axis.rotary else ("N", "N s/m")
-        found = [self.own(part, rate if part == "skew" else unit, 100.0) for part in self.parts]
+        unit, rate, slope = ("Nm", "Nm s/rad", "Nm/rad") if axis.rotary else ("N", "N s/m", "N/m")
+        units = {"skew": rate, "along": slope}
+        found = [self.own(part, units.get(part, unit), 100.0) for part in self.parts]
         if "stribeck" in self.parts:
             speed = self.usual or 1.0
             found.append(self.own("speed", f"{axis.unit}/s", speed, mean=speed, lower=1e-2 * speed))
@@ -100,7 +113,8 @@ class ForceFriction(ForceEffect):
         return Velocity(str(self.axis))
 
     def signals(self) -> tuple[Signal, ...]:
-        return tuple(dict.fromkeys((self._motion(), self._motion("velocity")) if self._fast else (self._motion(),)))
+        found = [self._motion(), *([self._motion("velocity")] if self._fast else [])]
+        return tuple(dict.fromkeys([*found, *([Position(str(self.axis))] if "along" in self.parts else [])]))
 
     @property
     def _fast(self) -> bool:
@@ -111,9 +125,12 @@ class ForceFriction(ForceEffect):
         motion = row.signal(self._motion())
         sign = motion if self.cut_off_hz else ca.fmin(ca.fmax(motion / self.rest, -1.0), 1.0)
         functions = {"coulomb": sign, "offset": 1.0}
+        metre = 1.0 if row.machine.axes[str(self.axis)].rotary else 1e-3
+        if "along" in self.parts:
+            functions["along"] = sign * row.signal(Position(str(self.axis))) * metre
         if self._fast:
             speed = ca.fabs(row.signal(self._motion("velocity")))
-            functions["skew"] = speed * (1.0 if row.machine.axes[str(self.axis)].rotary else 1e-3)
+            functions["skew"] = speed * metre
             if "stribeck" in self.parts:
                 functions["stribeck"] = sign * ca.exp(-speed / self.parameter(row, "speed"))
         force = sum(self.parameter(row, part) * functions[part] for part in self.parts)

@@ -2,6 +2,7 @@
 
 from symfive.identify._calibration import BallRunout, SensorCalibration, ball_runout, calibrate_sensors
 from symfive.identify._identify import identify, summarise
+from symfive.identify._mounted import may_have_stayed
 from symfive.identify._predict import Prediction, fitted_model, predict
 from symfive.identify._redundancy import all_location_errors, redundancies
 from symfive.identify._result import UNCONVERGED, Identification, MotionCurve
@@ -14,5 +15,6 @@ __all__ = [
     "UNCONVERGED", "BallRunout", "Confounding", "Identification", "Information", "MotionCurve", "Noise", "Outlier",
     "Prediction", "Problem", "SensorCalibration", "Stage", "Tension", "all_location_errors", "ball_runout",
     "calibrate_sensors", "confounded_combinations", "data_rank", "fitted_model", "identify", "identify_by_position",
-    "identify_sequentially", "predict", "redundancies", "relief_notes", "summarise", "tension_notes", "tensions", "wiring_doubts",
+    "identify_sequentially", "may_have_stayed", "predict", "redundancies", "relief_notes", "summarise", "tension_notes",
+    "tensions", "wiring_doubts",
 ]  # fmt: skip

@@ -102,6 +102,11 @@ def mounting_notes(problem: Problem, fit: Identification) -> tuple[str, ...]:
     )
 
 
+def may_have_stayed(fit: Identification) -> tuple[str, ...]:
+    """What may have stayed mounted over several runs of a fit, in words; nothing of what no error of the set-up stands for."""
+    return tuple(dict.fromkeys(f"the {MOUNTED[group.quantity]}" for group in _groups(fit)))
+
+
 def _groups(fit: Identification) -> list[_Group]:
     """What may have stayed: of the runs that state it alike those whose readings its error moves."""
     moved = {(p.run, p.quantity.partition(".")[0]) for p in fit.model.parameters if p.of_setup}

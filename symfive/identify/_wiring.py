@@ -1,98 +1,130 @@
-"""Sensors of an R-test that are wired otherwise than the columns say: reversed in sign, or one in the place of another.
+"""Files whose readings are something else than their columns say: a sign, the columns, or the unit of a run.
 
 A fit is linear in small errors, so what it would leave of other readings follows from its normal equations. Whether a run, or all
-of them, were read by exchanged or reversed sensors is decided by the odds of the two fits. No library of physics is complete:
-the likelihood counts to the power 1/(1 + M/2), M what the better fit leaves beyond noise (J. W. Miller & D. B. Dunson 2019), so
-that another wiring is believed only where it explains nearly all of the residual.
+that are read alike, hold other readings is decided by the odds of the two fits, each with the noise that it needs; a unit 1000
+times as large takes 1000 times as much of the density of each reading. No library of physics is complete: the likelihood counts
+to the power 1/(1 + N), N the divergence of what the better fit leaves from the declared noise (S. Kullback & R. A. Leibler 1951;
+J. W. Miller & D. B. Dunson 2019), so that other readings are believed only where they explain nearly all of the residual.
 """
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
+from functools import cache
 
 import numpy as np
 
 from symfive.arrays import Array
 from symfive.identify._result import Identification
+from symfive.instruments import INSTRUMENTS
 from symfive.numbers import plain_number
 
-COLUMNS = ("dx_um", "dy_um", "dz_um")
+WIRED = ("r_test", "ball_bar", "grid_encoder", "touch_probe", "laser", "straightedge", "drive_force")
+MOST_COLUMNS = 3
+UNITS = {1e-3: "1000 times too large", 1e3: "1000 times too small"}
 ODDS = 0.01
-"""Prior odds that a sensor of a run is wired otherwise: one set-up in a hundred."""
+"""Prior odds that a run holds other readings: one set-up in a hundred."""
 SURE = 100.0
 """Odds at which it is said."""
 MOST_ROWS = 20_000
+Part = tuple[str, str]
+"""Run and instrument."""
 
 
 def wiring_doubts(fit: Identification) -> tuple[str, ...]:
-    """The wiring that explains what the fit of an R-test leaves, in words; nothing where the fit explains its readings, or no
-    wiring does."""
-    campaign = fit.model.campaign
-    runs = [run.id for run in campaign.runs if "r_test" in run.instrument and set(COLUMNS) <= set(run.readings)]
-    limit = np.log(SURE / ODDS * len(WIRINGS) * (len(runs) + 1))
-    if not runs or campaign.rows > MOST_ROWS or fit.chi2_dof * fit.dof < fit.dof + 2.0 * limit:
+    """The other readings that explain what a fit leaves, in words; nothing where the fit explains its readings, or none do."""
+    places = _places(fit)
+    tried = [(where, name) for where, columns in places.items() for name in _wirings(columns)]
+    limit = np.log(SURE / ODDS * max(len(tried), 1))
+    if not tried or fit.model.campaign.rows > MOST_ROWS or fit.chi2_dof * fit.dof < fit.dof + 2.0 * limit:
         return ()
-    sums = _Sums(fit, runs)
-    now, dof = sums.left({}), fit.dof
-    best: tuple[float, str, float] = (limit, "", 0.0)
-    places = list(dict.fromkeys([*((run,) for run in runs), tuple(runs)]))
-    for name, matrix in WIRINGS.items():
-        for where in places:
-            if len(where) == len(campaign.runs) and np.sum(matrix < 0.0) > 1:
-                continue  # all signs turned, and those of the errors too, are the same readings
-            left = sums.left(dict.fromkeys(where, matrix))
-            gain = 0.5 * (now - left) / (1.0 + 0.5 * max(left - dof, 0.0))
-            if gain > best[0]:
-                said = f"run {where[0]}" if len(where) == 1 else "all runs"
-                best = (gain, f"{said}: {name}", left)
-    if not best[1]:
+    sums = _Sums(fit, [part for part in places if len(part) == 1])
+    now, dof = sums.left({}), max(float(fit.dof), 1.0)
+    found: list[tuple[float, tuple[Part, ...], str, float]] = []
+    for where, name in tried:
+        matrix = _wirings(places[where])[name]
+        if len(where) == len(fit.model.campaign.runs) and np.sum(matrix < 0.0) > 1:
+            continue  # all signs turned, and those of the errors too, are the same readings
+        left = sums.left(dict.fromkeys(where, matrix))
+        density = sum(sums.read[part][0].shape[0] for part in where) * float(np.linalg.slogdet(matrix)[1])
+        wide = max(left / dof, 1.0)
+        gain = 0.5 * dof * np.log(max(now / dof, 1.0) / wide) + density
+        found.append((gain / (1.0 + 0.5 * dof * (wide - 1.0 - np.log(wide))), where, name, left))
+    best, where, name, left = max(found, key=lambda each: each[0])
+    if best <= limit:
         return ()
-    before, after = (plain_number(float(np.sqrt(max(square, 0.0) / dof))) for square in (now, best[2]))
+    same = [other for gain, other, its, _ in found if its == name and len(other) == 1 and gain > best - np.log(SURE)]
+    runs = " or ".join(_runs_words(other, fit) for other in (same if len(where) == 1 else [where]))
+    before, after = (plain_number(float(np.sqrt(max(square, 0.0) / dof))) for square in (now, left))
     return (
-        f"{best[1]} would explain the readings: the residual falls from {before} to {after} times the noise; check how the "
-        "sensors are wired and which column is which, correct the file, and repeat",
+        f"{runs}: {name} would explain the readings: the residual falls from {before} to {after} times the noise; check wiring, "
+        "columns and units, correct the file, and repeat",
     )
 
 
-def _wirings() -> Iterator[tuple[str, Array]]:
-    """Every other assignment of the sensors to the columns, and their signs: y = matrix · readings."""
-    for order in itertools.permutations(range(3)):
-        for signs in itertools.product((1.0, -1.0), repeat=3):
-            matrix = np.zeros((3, 3))
-            matrix[range(3), order] = signs
-            if not np.array_equal(matrix, np.eye(3)):
-                yield _words(order, signs), matrix
+def _places(fit: Identification) -> dict[tuple[Part, ...], tuple[str, ...]]:
+    """Where other readings may be, with their columns: each run, and all whose columns are the same."""
+    campaign, alike = fit.model.campaign, dict[tuple[str, ...], list[Part]]()
+    for run in campaign.runs:
+        for name in set(WIRED) & set(run.instrument):
+            columns = tuple(column.name for column in INSTRUMENTS[name].columns(run, campaign.machine))
+            if len(columns) <= MOST_COLUMNS and set(columns) <= set(run.readings):
+                alike.setdefault(columns, []).append((run.id, name))
+    single = {(part,): columns for columns, parts in alike.items() for part in parts}
+    return single | {tuple(parts): columns for columns, parts in alike.items()}
 
 
-def _words(order: Sequence[int], signs: Sequence[float]) -> str:
+def _runs_words(where: tuple[Part, ...], fit: Identification) -> str:
+    names = list(dict.fromkeys(run for run, _ in where))
+    if len(names) > 1:
+        return "all runs" if len(names) == len(fit.model.campaign.runs) else f"runs {', '.join(names)}"
+    return f"run {names[0]}"
+
+
+@cache
+def _wirings(columns: tuple[str, ...]) -> Mapping[str, Array]:
+    """What else columns may hold, in words: others of them, their signs, another unit; y = matrix · readings."""
+    same = np.eye(len(columns))
+    names = [column.rpartition("_")[0] for column in columns]
+    return dict(_reordered(names)) | {f"{' and '.join(names)} {said}": g * same for g, said in UNITS.items()}
+
+
+def _reordered(names: Sequence[str]) -> Iterator[tuple[str, Array]]:
+    """Every other assignment of the sensors to the columns, and their signs."""
+    count = len(names)
+    for order in itertools.permutations(range(count)):
+        for signs in itertools.product((1.0, -1.0), repeat=count):
+            matrix = np.zeros((count, count))
+            matrix[range(count), order] = signs
+            if not np.array_equal(matrix, np.eye(count)):
+                yield _words(names, order, signs), matrix
+
+
+def _words(names: Sequence[str], order: Sequence[int], signs: Sequence[float]) -> str:
     """Such a wiring in words."""
-    names = [column.removesuffix("_um") for column in COLUMNS]
-    moved = [i for i in range(3) if order[i] != i]
+    moved = [i for i in range(len(names)) if order[i] != i]
     said = []
     if len(moved) == 2:
         said.append(f"{names[moved[0]]} and {names[moved[1]]} exchanged")
     elif moved:
         said.append(f"{', '.join(names)} in the order {', '.join(names[i] for i in order)}")
-    reversed_ = [names[i] for i in range(3) if signs[i] < 0.0]
+    reversed_ = [names[i] for i in range(len(names)) if signs[i] < 0.0]
     if reversed_:
         said.append(f"{' and '.join(reversed_)} reversed in sign")
     return ", ".join(said)
 
 
-WIRINGS = dict(_wirings())
-
-
 class _Sums:
     """The normal equations of a fit about its values, parameters by their prior 1σ, under the declared noise, and what the
-    readings of its R-test `runs` do in them."""
+    readings of its `parts` do in them."""
 
-    def __init__(self, fit: Identification, runs: Sequence[str]) -> None:
+    def __init__(self, fit: Identification, parts: Sequence[tuple[Part, ...]]) -> None:
         model, problem = fit.model, fit.problem()
         sigma = model.prior_sigma
         pull = (np.array([p.mean for p in model.parameters]) - fit.values) / sigma
         self.normal, self.slope, self.square = np.eye(len(sigma)), pull, float(pull @ pull)
-        self.read: dict[str, tuple[Array, Array, Array, Array]] = {}
+        self.read: dict[Part, tuple[Array, Array, Array, Array]] = {}
         for (run, instrument), block in problem.blocks(fit.values).items():
             weight = ~block.left_out / problem.noises[run, instrument].declared
             slopes = np.zeros((*weight.shape, len(sigma)))
@@ -101,16 +133,17 @@ class _Sums:
             self.normal += np.einsum("nck,ncl->kl", slopes, slopes, optimize=True)
             self.slope = self.slope + np.einsum("nck,nc->k", slopes, residual)
             self.square += float(np.sum(residual**2))
-            if run in runs and instrument == "r_test":
-                read = model.campaign.run(run).readings
-                self.read[run] = np.stack([read[name] for name in COLUMNS], axis=1), weight, slopes, residual
+            if ((run, instrument),) in parts:
+                own, machine = model.campaign.run(run), model.campaign.machine
+                read = [own.readings[column.name] for column in INSTRUMENTS[instrument].columns(own, machine)]
+                self.read[run, instrument] = np.stack(read, axis=1), weight, slopes, residual
 
-    def left(self, wirings: Mapping[str, Array]) -> float:
-        """χ², priors included, that the fit leaves where some runs were read by other wirings."""
+    def left(self, wirings: Mapping[Part, Array]) -> float:
+        """χ², priors included, that the fit leaves where some parts hold other readings."""
         slope, square = self.slope.copy(), self.square
-        for run, matrix in wirings.items():
-            readings, weight, slopes, residual = self.read[run]
-            change = readings @ (matrix - np.eye(3)).T * weight
+        for part, matrix in wirings.items():
+            readings, weight, slopes, residual = self.read[part]
+            change = readings @ (matrix - np.eye(len(matrix))).T * weight
             slope += np.einsum("nck,nc->k", slopes, change)
             square += float(np.sum(change * (change + 2.0 * residual)))
         return square - float(slope @ np.linalg.solve(self.normal, slope))

@@ -13,7 +13,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from symfive.arrays import Array
+from symfive.arrays import Array, Indices
+from symfive.motion._between_rows import is_curved
 from symfive.motion._loop import linear_recurrence
 from symfive.motion._motion import RunMotion, Series
 
@@ -126,11 +127,36 @@ def _begun(motion: RunMotion, positions: Array, side: Array, start: str) -> Seri
     return Series(np.where(standing, motion.values[start], side), {start: standing.astype(float)}, steps=True)
 
 
+def _with_turns(motion: RunMotion, position: Series, first: int = 0) -> tuple[Series, Indices]:
+    """Positions, `first` of them before the run, with the turning points that a smooth motion has between its rows, and where the
+    rows of the run are among them.
+
+    A turning point is the vertex of the parabola through the three rows about it, where the motion stands still: its own shift
+    along the row changes nothing to first order.
+    """
+    rows, q = np.arange(len(position.value)), position.value
+    steps = np.concatenate([np.arange(-first, 0), motion.run.steps])
+    near = np.flatnonzero(np.diff(approach(q)) != 0.0) if is_curved(motion.run) else rows[:0]
+    near = near[near > 0]
+    near = near[(q[near - 1] != q[near]) & (steps[near + 1] - steps[near - 1] == 2)]
+    before, after = q[near] - q[near - 1], q[near + 1] - q[near]
+    place = 0.5 * (before + after) / (before - after)  # rows from the nearest one
+    at = near + (place > 0.0)
+
+    def vertex(column: Array) -> Array:
+        earlier, later = column[near] - column[near - 1], column[near + 1] - column[near]
+        turned = column[near] + 0.5 * (later + earlier) * place + 0.5 * (later - earlier) * place**2
+        return np.insert(column, at, turned)
+
+    return position.through(vertex), (rows + np.searchsorted(at, rows, side="right"))[first:]
+
+
 class ReversalDistance(_OfAxis):
     """Distance from the last reversal |q - q_r|, mm or rad, by which pre-sliding and creep effects fade."""
 
     def series(self, motion: RunMotion) -> Series:
         _, position, first = motion.led(self.axis)
+        position, rows = _with_turns(motion, position, first)
         direction = approach(position.value)
         turned = np.flatnonzero(np.diff(direction) != 0.0)
         origin = np.full(len(direction), -1)
@@ -138,8 +164,8 @@ class ReversalDistance(_OfAxis):
         origin = np.maximum.accumulate(origin)
         since = position.through(lambda column: column - column[np.maximum(origin, 0)])
         away = np.where(origin < 0, 0.0, np.sign(since.value))
-        tangents = {name: (away * slope)[first:] for name, slope in since.tangents.items()}
-        return Series(np.where(origin < 0, FAR, np.abs(since.value))[first:], tangents, steps=True)
+        tangents = {name: (away * slope)[rows] for name, slope in since.tangents.items()}
+        return Series(np.where(origin < 0, FAR, np.abs(since.value))[rows], tangents, steps=True)
 
 
 def _reversals(time: Array, position: Series) -> list[tuple[float, dict[str, float], float]]:
@@ -213,7 +239,7 @@ class PreSliding:
 
     def series(self, motion: RunMotion) -> Series:
         """The states and their slopes."""
-        position = motion.axis(self.axis).position
+        position, rows = _with_turns(motion, motion.axis(self.axis).position)
         direction, distance = approach(position.value), max(abs(motion.values[self.distance]), 1e-12)
         begins = self.start in motion.values
         state = direction.copy()
@@ -233,7 +259,7 @@ class PreSliding:
                 if name in position.tangents:
                     moved = moved + sign * (position.tangents[name][part] - position.tangents[name][first])
                 slopes[name][part] = slopes[name][first] * np.exp(-xi / distance) - open_ * moved / distance
-        return Series(state, slopes, steps=True)
+        return Series(state, slopes, steps=True).through(lambda column: column[rows])
 
 
 @dataclass(frozen=True)
@@ -260,11 +286,12 @@ class Play:
         """The states, with slopes where the play is being crossed."""
         position = motion.axis(self.axis).position
         side = approach(position.value)
-        growth = motion.values[self.slope] if self.slope else 0.0
-        signed = motion.values[self.width] + growth * position.value
-        half = 0.5 * np.abs(signed)
         if not motion.run.dynamic:
             return _begun(motion, position.value, side, self.start)
+        growth = motion.values[self.slope] if self.slope else 0.0
+        position, rows = _with_turns(motion, position)
+        signed = motion.values[self.width] + growth * position.value
+        half = 0.5 * np.abs(signed)
         if half.max() < 1e-15:
             return Series(side, steps=True)
         half = np.maximum(half, 1e-15)
@@ -282,7 +309,7 @@ class Play:
             began = (state == motion.values[self.start]) & ~np.logical_or.accumulate(pushed)
             standing = np.logical_and.accumulate((np.abs(state) < 1.0) | began)
             tangents[self.start] = np.where(standing, half[0] / half, 0.0)
-        return Series(state, tangents, steps=True)
+        return Series(state, tangents, steps=True).through(lambda column: column[rows])
 
 
 def _play_states(positions: Array, start: float, half: Array) -> Array:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from symfive.diagnose import EXPLAINED, Diagnosis
 from symfive.effects import effect_words, form_words
-from symfive.identify import wiring_doubts
-from symfive.runs import MOUNTED
+from symfive.identify import may_have_stayed, wiring_doubts
 from symfive.screen import wrapped
 from symfive.standards import standard_values
 
@@ -75,7 +74,7 @@ def _sight(diagnosis: Diagnosis) -> str:
         group = "group" if len(diagnosis.classes) == 1 else "groups"
         said += f"; {len(diagnosis.classes)} {group} of them cannot be separated"
     said += " (report.html lists all)"
-    alike = [f"the {words}" for quantity, words in MOUNTED.items() if diagnosis.after.model.campaign.alike(quantity)]
+    alike = may_have_stayed(diagnosis.after)
     if alike:
         said += (
             f". Set-up errors count as new in every run; if {' and '.join(alike)} stayed mounted in runs that state the same "

@@ -1,0 +1,57 @@
+"""Drift of a rotary axis in its own angle, against the polygon or the indexer, as table and encoder warm up (ISO 230-3)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Self
+
+from symfive.effects._base import Effect
+from symfive.effects._form import Forms, positioned
+from symfive.effects._quantity import Covariance, Quantity, Values
+from symfive.effects.axis_growth import AxisGrowth
+from symfive.errors import InputError
+from symfive.parameters import Parameter
+from symfive.row import Row
+from symfive.runs import Campaign
+
+TURN = 50.0
+"""1σ, µrad: a drift of 5 µm at a radius of 100 mm."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class AxisTurn(AxisGrowth):
+    """q → q + turn·g(t), t on the campaign's clock.
+
+    g and `shape` as of `axis_growth`. An instrument that reads angles does not see `thermal_drift`, which shifts the tool.
+    Typical 10–100 µrad, τ of 5–60 min.
+    """
+
+    id = "axis_turn"
+    says = "the angle of a rotary axis drifts with time"
+    hidden_by = "backlash and a slow wave over the axis, where it goes through its targets once"
+    action = "let axis and instrument warm up, then repeat the test"
+    coordinate = "t"
+
+    def prepare(self, campaign: Campaign) -> Self:
+        if not Effect.prepare(self, campaign).its_axis(campaign).rotary:
+            raise InputError(f"{self.key}: a linear axis does not turn", remedy="use axis_growth or thermal_drift")
+        return self.timed(campaign)
+
+    @classmethod
+    def candidates(cls, campaign: Campaign) -> Forms:
+        """Of axes whose angle a positioning test measures."""
+        for axis in positioned(campaign):
+            if axis not in campaign.machine.linear_axes:
+                yield from cls(axis=axis).at_time_constants(campaign, cls(axis=axis, shape="linear"))
+
+    def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
+        turn = self.own("turn", "urad", TURN)
+        return (turn,) if self.shape == "linear" else (turn, self.time_constant(0.5 * self.clock_span(campaign)))
+
+    def apply(self, row: Row) -> None:
+        row.axis[str(self.axis)] += self.parameter(row, "turn") * self.grown(row)
+
+    def describe(self, campaign: Campaign, values: Values, covariance: Covariance) -> dict[str, Quantity]:
+        """Its parameters, and `reached`, the turn at the end of the campaign."""
+        own = Effect.describe(self, campaign, values, covariance)
+        return {**own, "reached": self.reached(campaign, values, covariance)}
