@@ -111,6 +111,13 @@ class _Search:
         partners = {k: number.get(term.form.partner, 0) for k, term in enumerate(self.moments.terms)}
         return [(k, other) for k, other in partners.items() if k < other]
 
+    @cached_property
+    def unseen(self) -> set[int]:
+        """Terms that move no reading, however large: with one of them a subset is the same as without."""
+        own = [np.append(c.where, c.exact) if c.exact >= 0 else c.where for c in self.moments.columns]
+        energy = [WIDTHS[-1] ** 2 * float(self.moments.raw[at, at].sum()) for at in own]
+        return {k for k, each in enumerate(energy) if each < NEGLIGIBLE}
+
     def see(self, members: Iterable[Selected]) -> None:
         """Weigh a subset, unless it was."""
         subset = tuple(sorted(members))
@@ -131,7 +138,7 @@ class _Search:
             asked = [not (self.named and (term.effect.unidentified or term.needs)) for term in terms]
             free = [
                 k for k, term in enumerate(terms)
-                if k >= self.moments.held and asked[k] and (term.needs or not full)
+                if k >= self.moments.held and k not in self.unseen and asked[k] and (term.needs or not full)
                 and complete([*held, term]) and not any(term.excludes(h) for h in held)
             ]  # fmt: skip
             self.see(subset)
