@@ -15,7 +15,7 @@ The data sheet's noise is a lower bound, not the truth: a residual above it alon
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import gammaln
@@ -24,6 +24,7 @@ from scipy.stats import chi2, f
 from symfive.arrays import Array, Indices
 from symfive.campaign import Campaign
 from symfive.diagnose._groups import partitions
+from symfive.effects import form_words
 from symfive.identify import Identification, identify, tensions
 from symfive.numbers import with_std
 from symfive.screen import OnScreen
@@ -50,10 +51,11 @@ class Test:
 
 @dataclass(frozen=True)
 class Disagreement:
-    """One parameter that groups of runs do not agree upon: `between` what they differ in, `values` label → (value, 1σ) in
-    the file's unit, `log_p` natural log of the p-value, corrected for all parameters and groups."""
+    """One parameter that groups of runs do not agree upon, its name, and in `words`: `between` what they differ in, `values`
+    label → (value, 1σ) in the file's unit, `log_p` natural log of the p-value, corrected for all parameters and groups."""
 
     parameter: str
+    words: str
     unit: str
     between: str
     values: Mapping[str, tuple[float, float]]
@@ -63,7 +65,7 @@ class Disagreement:
     def says(self) -> str:
         """The disagreement in one sentence."""
         seen = ", ".join(f"{with_std(v, s, self.unit)} ({label})" for label, (v, s) in list(self.values.items())[:4])
-        return f"{self.parameter} differs between groups of runs by {self.between}: {seen}"
+        return f"{self.words} differs between groups of runs by {self.between}: {seen}"
 
 
 @dataclass(frozen=True, repr=False)
@@ -230,12 +232,10 @@ def _disagreements(fit: Identification, grams: Mapping[str, _Gram]) -> tuple[lis
                 one = _one(fit, i, parts, inverse, a)
                 if one is not None:
                     log_p, values = one
-                    found.append(Disagreement(parameter.name, parameter.unit, between, values, log_p))
+                    words = form_words(parameter.name, fit.model.machine)
+                    found.append(Disagreement(parameter.name, words, parameter.unit, between, values, log_p))
     comparisons = len(found)
-    corrected = [
-        Disagreement(d.parameter, d.unit, d.between, d.values, min(0.0, d.log_p + float(np.log(comparisons))))
-        for d in found
-    ]
+    corrected = [replace(d, log_p=min(0.0, d.log_p + float(np.log(comparisons)))) for d in found]
     return sorted(corrected, key=lambda d: d.log_p), comparisons
 
 

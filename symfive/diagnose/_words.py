@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from symfive.effects import Unknown, Varying, coordinate_words, effect_words, form_words
+from symfive.effects import LINKS, Unknown, Varying, coordinate_words, effect_words, form_words
 from symfive.identify import Identification
 from symfive.machine import Machine
 from symfive.numbers import in_words, name_words, percent, plain_number, rounded, unit_words, with_std
@@ -164,6 +164,8 @@ def place_words(finding: Finding, machine: Machine) -> str:
         return "the instrument's clock"
     if stage in ("reading", "recording"):
         return "the instrument's reading" if stage == "reading" else "the recorder"
+    if finding.effect.link == LINKS[-1]:
+        return "the set-up"
     if axis is None:
         return "the structure between workpiece and tool"
     return f"axis {axis}, behind its drive" if stage == "axis" else f"the structure that axis {axis} carries"
