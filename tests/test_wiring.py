@@ -134,4 +134,6 @@ def test_missing_physics_is_no_wiring(effect) -> None:
 @pytest.mark.slow
 def test_the_next_step_of_a_diagnosis_is_the_wiring() -> None:
     measured = wired(simulate(planned(location_only("table-bc")), seed=2).campaign, COLUMNS, (-1.0, 1.0, 1.0), "one")
-    assert "Next: run one: dx reversed in sign" in " ".join(diagnosis_text(diagnose(measured)).split())
+    said = " ".join(diagnosis_text(diagnose(measured)).split())
+    assert said.startswith("Check a recording first. Run one: dx reversed in sign") and "If it is right: " in said
+    assert "Next: run one: dx reversed in sign" in said

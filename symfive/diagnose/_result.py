@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ from symfive.diagnose._intervals import Interval
 from symfive.diagnose._locate import Location, Observability
 from symfive.diagnose._words import facts_of
 from symfive.effects import Effect, Quantity, coordinate_words, effect_words
-from symfive.identify import UNCONVERGED, Identification, relief_notes
+from symfive.identify import UNCONVERGED, Identification, relief_notes, wiring_doubts
 from symfive.inference import Outlier
 from symfive.numbers import change, expected_ratio, in_words, percent, plain_number, with_std
 from symfive.screen import OnScreen, listed, wrapped
@@ -265,9 +266,16 @@ class Diagnosis(OnScreen):
             return f"{text} It is {self._beyond_noise}: {beyond}."
         return f"{text} The model explains the readings down to the declared noise."
 
+    @cached_property
+    def other_readings(self) -> tuple[str, ...]:
+        """Recordings that seem to hold other readings than their columns say: a sign, the columns, a unit."""
+        return wiring_doubts(self.before)
+
     def _warned(self, said: str) -> str:
-        """Behind a warning where the fit did not converge."""
-        return said if self.after.converged else f"{UNCONVERGED} {said}"
+        """Behind a warning where a recording seems to be wrong, or the fit did not converge."""
+        said = said if self.after.converged else f"{UNCONVERGED} {said}"
+        doubts = (doubt[:1].upper() + doubt[1:] for doubt in self.other_readings)
+        return "".join([*(f"Check a recording first. {doubt}. If it is right: " for doubt in doubts), said])
 
     @property
     def noise_ratio(self) -> float:
@@ -333,7 +341,7 @@ class Diagnosis(OnScreen):
 
     @property
     def verdict(self) -> str:
-        """One short sentence, behind a warning where the fit did not converge."""
+        """One short sentence, behind a warning where a recording seems to be wrong, or the fit did not converge."""
         return self._warned(self._verdict())
 
     def _verdict(self) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from symfive.diagnose import EXPLAINED, Diagnosis
 from symfive.effects import effect_words, form_words
-from symfive.identify import may_have_stayed, wiring_doubts
+from symfive.identify import may_have_stayed
 from symfive.screen import wrapped
 from symfive.standards import standard_values
 
@@ -21,8 +21,8 @@ def closing(diagnosis: Diagnosis) -> str:
 
 
 def _next_step(diagnosis: Diagnosis) -> str:
-    if wired := wiring_doubts(diagnosis.before):
-        return wired[0]
+    if diagnosis.other_readings:
+        return diagnosis.other_readings[0]
     if not diagnosis.after.converged:
         return "record further runs and diagnose all together (--with); do not use model.json: the fit did not converge"
     for finding in diagnosis.by_share:
