@@ -5,10 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Self
 
-from symfive.effects._base import Effect
+from symfive.effects._axis_warming import AxisWarming
 from symfive.effects._form import Forms, positioned
-from symfive.effects._quantity import Covariance, Quantity, Values
-from symfive.effects.axis_growth import AxisGrowth
 from symfive.errors import InputError
 from symfive.parameters import Parameter
 from symfive.row import Row
@@ -19,10 +17,10 @@ TURN = 50.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class AxisTurn(AxisGrowth):
+class AxisTurn(AxisWarming):
     """q → q + turn·g(t), t on the campaign's clock.
 
-    g and `shape` as of `axis_growth`. An instrument that reads angles does not see `thermal_drift`, which shifts the tool.
+    g and `shape` as of any `AxisWarming`. An instrument that reads angles does not see `thermal_drift`, which shifts the tool.
     Typical 10–100 µrad, τ of 5–60 min.
     """
 
@@ -33,9 +31,10 @@ class AxisTurn(AxisGrowth):
     coordinate = "t"
 
     def prepare(self, campaign: Campaign) -> Self:
-        if not Effect.prepare(self, campaign).its_axis(campaign).rotary:
+        effect = super().prepare(campaign)
+        if not self.its_axis(campaign).rotary:
             raise InputError(f"{self.key}: a linear axis does not turn", remedy="use axis_growth or thermal_drift")
-        return self.timed(campaign)
+        return effect
 
     @classmethod
     def candidates(cls, campaign: Campaign) -> Forms:
@@ -50,8 +49,3 @@ class AxisTurn(AxisGrowth):
 
     def apply(self, row: Row) -> None:
         row.axis[str(self.axis)] += self.parameter(row, "turn") * self.grown(row)
-
-    def describe(self, campaign: Campaign, values: Values, covariance: Covariance) -> dict[str, Quantity]:
-        """Its parameters, and `reached`, the turn at the end of the campaign."""
-        own = Effect.describe(self, campaign, values, covariance)
-        return {**own, "reached": self.reached(campaign, values, covariance)}
