@@ -308,12 +308,13 @@ class RunMotion:
         gains = {quantity: float(getattr(axis.drive, quantity)) for quantity in LOOP}
         gains |= {quantity: self.values[name] for quantity, name in wanted.items()}
 
-        def respond(chords: int) -> Array:
-            commanded, order = finer(self.run, command, chords)[0].tobytes(), tuple(sorted(gains.items()))
-            return _remembered(commanded, self.run.interval / chords, order, tuple(wanted))[:: chords // factor]
+        order, (commanded, first) = tuple(sorted(gains.items())), finer(self.run, command, factor)
 
-        response = along_the_curve(self.run, factor, respond)
-        return response, tuple(wanted.values()), finer(self.run, command, 1)[1] * factor
+        def respond(chords: int) -> Array:
+            column = commanded if chords == factor else finer(self.run, command, chords)[0]
+            return _remembered(column.tobytes(), self.run.interval / chords, order, tuple(wanted))[:: chords // factor]
+
+        return along_the_curve(self.run, factor, respond), tuple(wanted.values()), first
 
     def led(self, name: str) -> tuple[Array, Series, int]:
         """Instants, s, and positions of an axis with the motion before the first row, where the recording begins in motion, and

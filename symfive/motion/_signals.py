@@ -135,8 +135,10 @@ def _with_turns(motion: RunMotion, position: Series, first: int = 0) -> tuple[Se
     along the row changes nothing to first order.
     """
     rows, q = np.arange(len(position.value)), position.value
+    if not is_curved(motion.run):
+        return position, rows[first:]
     steps = np.concatenate([np.arange(-first, 0), motion.run.steps])
-    near = np.flatnonzero(np.diff(approach(q)) != 0.0) if is_curved(motion.run) else rows[:0]
+    near = np.flatnonzero(np.diff(approach(q)) != 0.0)
     near = near[near > 0]
     near = near[(q[near - 1] != q[near]) & (steps[near + 1] - steps[near - 1] == 2)]
     before, after = q[near] - q[near - 1], q[near + 1] - q[near]
