@@ -44,9 +44,9 @@ class PlanSearch:
     request: Request
     space: Space
     task: Task
-    _laid: dict[tuple[str, bytes], list[Laid]] = field(default_factory=dict, init=False)
-    _cleared: dict[tuple[object, ...], Post] = field(default_factory=dict, init=False)
-    _tested: dict[tuple[object, ...], Tested] = field(default_factory=dict, init=False)
+    _laid: dict[tuple[str, bytes], list[Laid]] = field(default_factory=dict, init=False, repr=False, compare=False)
+    _cleared: dict[tuple[object, ...], Post] = field(default_factory=dict, init=False, repr=False, compare=False)
+    _tested: dict[tuple[object, ...], Tested] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def best(self, shares: Sequence[tuple[int, int]]) -> Found:
         """The best design of so many poses and at most so many runs, of several such pairs."""
