@@ -18,8 +18,9 @@ from symfive.parameters import Parameter
 from symfive.row import Row
 from symfive.runs import Campaign, Run
 
-PARTS = ("coulomb", "offset", "skew", "stribeck", "along")
-OTHERS = (PARTS[:3], ("coulomb", "offset", "stribeck"))
+OF_SPEED = ("coulomb", "offset", "skew", "stribeck")
+PARTS = (*OF_SPEED, "along")
+OTHERS = (OF_SPEED[:3], ("coulomb", "offset", "stribeck"))
 """Parts of other shapes of one that depends on the speed."""
 USUAL_SPEED = 0.1
 """Characteristic speed, prior mean and 1σ, as a share of the highest."""
@@ -82,10 +83,10 @@ class ForceFriction(ForceEffect):
         for axis in driven_axes(campaign):
             others = tuple(cls(axis=axis, parts=parts, tag="speed") for parts in OTHERS)
             yield Form(effect=cls(axis=axis))
-            yield Form(effect=cls(axis=axis, parts=PARTS[:4], tag="speed"), shapes=others)
-            more = tuple(cls(axis=axis, parts=(part,), tag="speed") for part in PARTS[2:4])
-            yield Form(effect=cls(axis=axis, parts=PARTS[2:4], tag="speed"), shapes=more)  # beside the baseline's own
-            yield Form(effect=cls(axis=axis, parts=PARTS[4:], tag="place"))
+            yield Form(effect=cls(axis=axis, parts=OF_SPEED, tag="speed"), shapes=others)
+            more = tuple(cls(axis=axis, parts=(part,), tag="speed") for part in OF_SPEED[2:])
+            yield Form(effect=cls(axis=axis, parts=OF_SPEED[2:], tag="speed"), shapes=more)  # beside the baseline's own
+            yield Form(effect=cls(axis=axis, parts=("along",), tag="place"))
 
     def advice(self, sizes: Mapping[str, Quantity]) -> tuple[str, str]:
         if "along" in sizes:

@@ -108,8 +108,8 @@ class _Search:
     def vectors(self) -> list[tuple[int, int]]:
         """Terms that are the two components of one vector."""
         number = {term.effect.key: k for k, term in enumerate(self.moments.terms) if not term.form.placed}
-        partners = {k: number.get(term.form.partner, 0) for k, term in enumerate(self.moments.terms)}
-        return [(k, other) for k, other in partners.items() if k < other]
+        partners = [(k, number.get(term.form.partner)) for k, term in enumerate(self.moments.terms)]
+        return [(k, other) for k, other in partners if other is not None and k < other]
 
     @cached_property
     def unseen(self) -> set[int]:
