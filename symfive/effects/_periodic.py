@@ -91,7 +91,7 @@ class Periodic(Effect):
             yield self.parameter(row, f"cos{end}") * ca.cos(order * angle)
 
     def describe(self, campaign: Campaign, values: Values, covariance: Covariance) -> dict[str, Quantity]:
-        """Period, the four longest others that read the same at even targets, amplitudes and phases."""
+        """Period, the four longest others that even targets cannot distinguish from it, amplitudes and phases."""
         own = {p.name.removeprefix(self.key + "."): p for p in self.parameters(campaign)}
         known = Quantity(self.period, 0.0, self.its_axis(campaign).unit)
         period = own_quantity(own["period"], values, covariance) if "period" in own else known
