@@ -147,8 +147,8 @@ class _Search:
                 other, its = Sweep.of(self.moments, subset, self.blocks[subset]).best(free)
                 widths = [b if other[k] > mass[k] else a for k, (a, b) in enumerate(zip(widths, its, strict=True))]
                 mass = np.logaddexp(mass, other) - np.log(2.0)
-            prior = np.array([log_prior(self.moments, [one]) for one in zip(free, widths, strict=True)])
-            self.swept[subset] = free, widths, mass + log_prior(self.moments, subset) + prior
+            prior = [log_prior(self.moments, (*subset, one)) for one in zip(free, widths, strict=True)]
+            self.swept[subset] = free, widths, mass + np.array(prior)
         return self.swept[subset]
 
     def join(self, subset: Subset, most: int) -> None:
@@ -184,8 +184,13 @@ def held_by(moments: Moments) -> Subset:
 
 
 def log_prior(moments: Moments, subset: Iterable[Selected]) -> float:
-    """Of a subset, with the widths of its terms."""
-    return sum(moments.terms[t].log_prior + log_width(width, widths_of(moments, t)) for t, width in subset)
+    """Of a subset, with the widths of its terms. A name is as rare as it is once: a further form of it is not as rare again."""
+    found, names = 0.0, set[Name]()
+    for t, width in subset:
+        term = moments.terms[t]
+        found += (term.again if term.name in names else term.log_prior) + log_width(width, widths_of(moments, t))
+        names.add(term.name)
+    return found
 
 
 def marginal_evidence(moments: Moments, subset: Subset) -> tuple[float, Blocks]:

@@ -39,7 +39,8 @@ class Candidates:
 
 @dataclass(frozen=True)
 class Term:
-    """One form that may join: its name, the log of its prior probability, `slot`: of the terms of one slot at most one can act;
+    """One form that may join: its name, the log of its prior probability, alone and, `again`, beside another one of its name;
+    `slot`: of the terms of one slot at most one can act;
     `covers`: the channel and coordinate over which a named one may be a little off, so that no unidentified one acts there too;
     `needs`: the key of the effect of which it is a variation, and which has to be in the subset.
     """
@@ -50,6 +51,7 @@ class Term:
     frees: frozenset[tuple[str, str]]
     covers: tuple[str, str]
     log_prior: float
+    again: float
     needs: str = ""
 
     @property
@@ -135,8 +137,9 @@ def name_of(effect: Effect) -> Name:
 
 def terms_of(forms: Sequence[Form]) -> tuple[Term, ...]:
     """The forms as terms. A word of the vocabulary has a share of the prior by how common it is, for each axis that has it; its
-    forms, whatever their axis, share this alike, each with its places. All unidentified effects but variations, which have their
-    own, have the same share of theirs."""
+    forms, whatever their axis, share this alike, each with its places. Once one of them acts, another form of the same name is
+    as probable as a further effect is, whatever its name. All unidentified effects but variations, which have their own, have
+    the same share of theirs."""
     ways = Counter(form.effect.vocabulary for form in forms if not form.at)
     axes = Counter(word for word, _ in {name_of(form.effect) for form in forms})
     open_ = sum(form.effect.unidentified and not isinstance(form.effect, Varying) for form in forms)
@@ -147,13 +150,15 @@ def terms_of(forms: Sequence[Form]) -> tuple[Term, ...]:
         effect, name = form.effect, name_of(form.effect)
         if effect.unidentified:
             prior = 1.0 if form.measured else UNIDENTIFIED / (1 if isinstance(effect, Varying) else open_)
-            slot, covers = ("", effect.coordinate), (form.channel, effect.coordinate)
+            slot, covers, share = ("", effect.coordinate), (form.channel, effect.coordinate), prior
         else:
             covers = effect.answers or ("", "")
-            prior = EXPECTED * effect.rate / total * axes[name[0]] / max(1, ways[name[0]])
+            share = EXPECTED * axes[name[0]] / max(1, ways[name[0]])
+            prior = share * effect.rate / total
             slot = (*name, effect.key if form.placed else getattr(effect, "component", None))
         frees = frozenset(effect.frees())
         needs = effect.key if isinstance(effect, Varying) and effect.key in there else ""
         there.add(effect.key)
-        found.append(Term(form, name, slot, frees, covers, float(np.log(prior / form.places)), needs))
+        alone, again = np.log([prior / form.places, share / form.places]).tolist()
+        found.append(Term(form, name, slot, frees, covers, alone, again, needs))
     return tuple(found)
