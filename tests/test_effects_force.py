@@ -15,7 +15,7 @@ from symfive.effects import Effect, Form, make_effect
 from symfive.errors import InputError
 from symfive.machine import Machine, Structure, make_axis, preset
 from symfive.model import Model
-from symfive.posterior import baseline, candidates, expanded, explore, moments_about
+from symfive.posterior import WHITE, baseline, candidates, expanded, explore, fitted, moments_about, moments_of
 
 
 def test_force_friction_is_a_level_for_each_direction_where_the_baseline_has_none() -> None:
@@ -149,6 +149,22 @@ def test_only_what_moves_the_readings_is_weighed() -> None:
     weighed = {t for subset in explore(moments).mass for t, _ in subset}
     assert 5 < len(weighed) < 0.5 * len(moments.terms)
     assert all(moments.terms[t].effect.in_the_drive or moments.terms[t].effect.unidentified for t in weighed)
+
+
+def test_a_law_that_varies_leaves_no_room_for_another_law_of_its_slot() -> None:
+    """Two laws of one friction, one of which varied, were of opposite sign: 124 and -123 N."""
+    plan = driven(lambda way: 0.27 * way)
+    every = candidates(plan)
+    law = next(form.effect for form in every.forms if form.effect.key == "force_friction.X.place")
+    varying = make_effect("varying", of=law, over="t").prepare(plan)
+    fit = fitted(Model(plan, [varying]), [{}], WHITE, 1.0, baseline(plan))
+    others = [f for f in every.forms if f.effect.id in ("force_friction", "unknown") and f.effect.key != law.key]
+    assert others[-1].effect.id == "force_friction"
+    found = explore(moments_of(fit, [Form(effect=varying)], others), (0,))
+    terms = found.moments.terms
+    keys = [{terms[t].effect.key for t, _ in subset} for subset in found.mass]
+    assert any(law.key in each and len(each) > 1 for each in keys)
+    assert not any(sum(key.startswith("force_friction") for key in each) > 1 for each in keys)
 
 
 def test_a_force_is_looked_for_by_place_and_direction() -> None:

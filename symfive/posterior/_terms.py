@@ -40,7 +40,7 @@ class Candidates:
 @dataclass(frozen=True)
 class Term:
     """One form that may join: its name, the log of its prior probability, alone and, `again`, beside another one of its name;
-    `slot`: of the terms of one slot at most one can act;
+    `slot`: of the terms of one slot at most one can act, and a law that varies stays in its own;
     `covers`: the channel and coordinate over which a named one may be a little off, so that no unidentified one acts there too;
     `needs`: the key of the effect of which it is a variation, and which has to be in the subset.
     """
@@ -69,11 +69,11 @@ class Term:
 
     def excludes(self, other: Term) -> bool:
         """Whether the two terms are mutually exclusive."""
-        if self.needs and other.needs:
-            return self.needs == other.needs
-        if self.effect.unidentified != other.effect.unidentified:
-            return self.covers == other.covers
-        return self.slot == other.slot or bool(self.frees & other.frees)
+        if self.varies(other) or other.varies(self):
+            return False
+        if self.slot == other.slot or self.frees & other.frees:
+            return True
+        return self.effect.unidentified != other.effect.unidentified and self.covers == other.covers
 
 
 def candidates(campaign: Campaign, exclude: Collection[str] = ()) -> Candidates:
@@ -94,7 +94,7 @@ def variations_of(held: Sequence[Form], campaign: Campaign) -> list[Form]:
     found = list[Form]()
     for form in held:
         ways = Varying.of_effect(form.effect, campaign)
-        found += [Form(effect=way, places=len(ways)) for way in ways]
+        found += [Form(effect=way, places=len(ways), once=True) for way in ways]
     return found
 
 
@@ -146,16 +146,17 @@ def terms_of(forms: Sequence[Form]) -> tuple[Term, ...]:
     total = sum({name_of(form.effect): form.effect.rate for form in forms}.values())
     found, there = [], set[str]()
     for form in forms:
-        slot: tuple[object, ...]
         effect, name = form.effect, name_of(form.effect)
         if effect.unidentified:
             prior = 1.0 if form.measured else UNIDENTIFIED / (1 if isinstance(effect, Varying) else open_)
-            slot, covers, share = ("", effect.coordinate), (form.channel, effect.coordinate), prior
+            covers, share = (form.channel, effect.coordinate), prior
         else:
             covers = effect.answers or ("", "")
             share = EXPECTED * axes[name[0]] / max(1, ways[name[0]])
             prior = share * effect.rate / total
-            slot = (*name, effect.key if form.placed else getattr(effect, "component", None))
+        law = effect.of if isinstance(effect, Varying) else effect
+        own = (*name_of(law), law.key if form.placed else getattr(law, "component", None))
+        slot = ("", law.coordinate) if law.unidentified else own
         frees = frozenset(effect.frees())
         needs = effect.key if isinstance(effect, Varying) and effect.key in there else ""
         there.add(effect.key)
