@@ -100,7 +100,10 @@ def test_slow_circles_are_certified_lower_and_faster_ones_by_default(tmp_path: P
     assert [len(notes) for notes in feed] == [1, 0]
     assert any("edge of the table" in note for note in free.notes)
     free.write(tmp_path / "plan")
-    said = json.loads((tmp_path / "plan" / "plan.json").read_text())["certificate"]
+    data = json.loads((tmp_path / "plan" / "plan.json").read_text())
+    assert free.information is not None and free.information.says in str(free)
+    assert data["information"]["upper_nats"] == pytest.approx(free.information.upper[0], rel=1e-5)
+    said = data["certificate"]
     assert said["says"] == free.certificate.says
     assert said["efficiency"] == pytest.approx(free.certificate.efficiency, rel=1e-5)
     assert f"≥ {int(free.certificate.efficiency * 1e3) / 1e3:.3f}" in (tmp_path / "plan" / "setup.html").read_text()

@@ -33,6 +33,7 @@ from symfive.design._circle_words import (
     warnings_of,
 )
 from symfive.design._circles import Circle, Goal, check_clear, chosen_clear, circle_of_runs, measured
+from symfive.design._information import Information, expected_information
 from symfive.design._paths import FAMILIES, CircleShape, circle_runs
 from symfive.design._refine_circles import CircleObjective, refined_shapes
 from symfive.design._request import check_robust
@@ -69,7 +70,7 @@ class CirclePlan(Written):
     """Circles chosen together: the campaign, the `circles` in it, expected 1σ of the effects' `parameters` (file units), all
     circles that were `considered`, ψ of the best of these (`grid_value`) and of the refined ones (`value`), `notes` in plain
     words: limits and ends of lists that are met, circles that are repeats, parameters that none of them sees; the
-    `certificate`, None where none was asked for."""
+    `certificate` and the expected `information`, None where none was asked for."""
 
     campaign: Campaign
     circles: tuple[Circle, ...]
@@ -81,6 +82,7 @@ class CirclePlan(Written):
     parameters: tuple[Parameter, ...] = ()
     notes: tuple[str, ...] = ()
     certificate: CircleCertificate | None = None
+    information: Information | None = None
 
     def to_data(self) -> dict[str, Any]:
         """plan.json as nested mappings."""
@@ -91,6 +93,7 @@ class CirclePlan(Written):
         return {
             "schema": SCHEMA, "machine": self.campaign.machine.name, "circles": shapes, "minutes": self.minutes,
             "certificate": None if self.certificate is None else self.certificate.to_data(),
+            "information": None if self.information is None else self.information.to_data(),
             "value": self.value, "value_of_the_grid": self.grid_value, "considered": len(self.considered),
             **assessment_data(assess(self.campaign, effects=self.effects)), "notes": list(self.notes),
         }  # fmt: skip
@@ -107,7 +110,7 @@ class CirclePlan(Written):
         lines += [f"  {circle_words(circle)}" for circle in self.circles]
         lines += listed(sigma_words(self.parameters, self.sigma), "plan.sigma")
         notes = listed(self.notes, "plan.notes", 10)
-        says = [] if self.certificate is None else [self.certificate.says]
+        says = [each.says for each in (self.certificate, self.information) if each is not None]
         return "\n".join([*lines, gain_words(self.grid_value, self.value), *says, *notes])
 
     @property
@@ -133,7 +136,8 @@ def plan_circles(
     effects'); `robust` `nominal`, or the `mean` or `worst` case over `draws` of the effects' parameters from their priors;
     `per_minute` weighs the recording time. `refine`: the best circles are refined in the variables `free` (default ratio and
     feed; feed and centre) within the ranges of the lists, and kept only where they are better. `certify`: they are compared
-    with a dense set of circles in as many runs, or in the same time (`CirclePlan.certificate`). Circles that an axis cannot
+    with a dense set of circles in as many runs, or in the same time (`CirclePlan.certificate`), and what they are expected to
+    tell, whatever the sizes are, is bounded (`CirclePlan.information`). Circles that an axis cannot
     follow, those whose ball would stand beside the table (`table_radius`) and those along which bodies meet are left out. Raises
     `InputError` where none is left or a name is unknown.
     """
@@ -163,7 +167,8 @@ def plan_circles(
     if not certify:
         return found
     certificate = certify_circles(machine, effects, goal, best, circles, noise_um=noise_um, rate_hz=rate_hz)
-    return replace(found, certificate=certificate)
+    information = expected_information(found.campaign, effects, for_=for_)
+    return replace(found, certificate=certificate, information=information)
 
 
 def ratios_of(machine: Machine, radii: Sequence[float]) -> tuple[float, ...]:

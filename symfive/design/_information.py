@@ -1,0 +1,248 @@
+"""What a plan is expected to tell about effects, whatever their size: the mutual information of parameters and readings.
+
+    I = E[log p(y | θ) - log p(y)],  θ from the priors, y the readings that it would give,
+
+in nats. A linear design at one guess is right only where the readings answer alike to every size. Errors of the machine and the
+set-up are Gaussian and act as at the effects' typical sizes, so that p(y | θ) is a normal density; p(y) is an average over θ, of
+which every estimate from finitely many draws is biased, one way or the other. With draws θ₁…θ_L from a proposal q(θ | y) that
+knows the readings but not the truth θ₀, and w = p(y, θ)/q(θ | y),
+
+    E[log p(y | θ₀) - log mean(w₀, w₁…w_L)]  ≤  I  ≤  E[log p(y | θ₀) - log mean(w₁…w_L)]
+
+(A. Foster et al. 2019, 2020: variational nested and adaptive contrastive estimation). q is Student's t about the posterior mode
+with the curvature there, so that few draws bring the two together.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from scipy.linalg import solve_triangular
+from scipy.special import logsumexp
+from scipy.stats import multivariate_t, truncnorm
+
+from symfive.arrays import Array
+from symfive.campaign import Campaign
+from symfive.design._circles import typical_values
+from symfive.effects import Effect
+from symfive.errors import EvaluationError, InputError
+from symfive.model import Model
+from symfive.threads import one_thread
+
+DRAWS, SAMPLES = 16, 8
+ITERATIONS = 8
+"""Gauss-Newton steps to the posterior mode at most; a worse mode makes the bounds wider and no less true."""
+FREEDOM = 5.0
+"""Degrees of freedom of the proposal: tails that are wider than those of the posterior, so that weights stay bounded."""
+
+
+@dataclass(frozen=True)
+class Information:
+    """Expected information of a plan about `parameters`, nats: it lies between `lower` and `upper`, each with the standard error
+    of its mean over `draws`; `linear`: by the slopes at the effects' typical sizes."""
+
+    parameters: tuple[str, ...]
+    lower: tuple[float, float]
+    upper: tuple[float, float]
+    linear: float
+    draws: int
+
+    def to_data(self) -> dict[str, Any]:
+        """`information` of plan.json."""
+        (lower, lower_error), (upper, upper_error) = self.lower, self.upper
+        return {
+            "parameters": list(self.parameters), "draws": self.draws, "lower_nats": lower, "lower_standard_error": lower_error,
+            "upper_nats": upper, "upper_standard_error": upper_error, "linear_nats": self.linear,
+        }  # fmt: skip
+
+    @property
+    def says(self) -> str:
+        """The result in a sentence."""
+        low, high = sorted((self.lower[0], self.upper[0]))
+        error, factor = max(self.lower[1], self.upper[1]), math.exp(0.5 * (low + high) / len(self.parameters))
+        return (
+            f"expected information between {low:.2f} and {high:.2f} nats (± {error:.2f}), mean of {self.draws} draws of sizes, "
+            f"{self.linear:.2f} by slopes at typical sizes; each 1σ becomes {factor:,.0f} times smaller (geometric mean)"
+        )
+
+
+@one_thread
+def expected_information(
+    plan: Campaign,
+    effects: Sequence[Effect],
+    *,
+    for_: Iterable[str] = (),
+    draws: int = DRAWS,
+    samples: int = SAMPLES,
+    seed: int = 0,
+) -> Information:
+    """Bounds of the information that the readings of a `plan` (campaign without readings) are expected to give about the
+    parameters of `effects` (or those named in `for_`); errors of the machine, its drives and the set-up are unknown within their
+    priors.
+
+    `draws` of the effects' parameters and readings, `samples` from each proposal. Raises `InputError` where a parameter is
+    unknown or none is meant.
+    """
+    model = Model(plan, effects)
+    names = tuple(for_) or tuple(p.name for p in model.parameters if p.kind == "effect")
+    strange = [name for name in names if name not in model.index]
+    if strange or not names:
+        problem = f"there is no parameter {', '.join(strange)}" if strange else "no parameter is meant"
+        raise InputError(problem, remedy="name parameters of the effects")
+    if min(draws, samples) < 2:
+        raise InputError("draws and samples have to be at least 2", remedy="leave them out")
+    readings = _Readings(model, [model.index[name] for name in names])
+    generator = np.random.default_rng(seed)
+    drawn = readings.drawn(generator, draws)
+    clean = [readings.predicted(theta) for theta in drawn]
+    bounds = []
+    for number, (truth, plain) in enumerate(zip(drawn, clean, strict=True)):
+        y = plain + readings.noise(generator)
+        others = [(theta, at) for k, (theta, at) in enumerate(zip(drawn, clean, strict=True)) if k != number]
+        bounds.append(_bounds(readings, truth, plain, y, others, samples, generator))
+    means, errors = np.mean(bounds, axis=0), np.std(bounds, axis=0, ddof=1) / math.sqrt(draws)
+    lower, upper = zip(means.tolist(), errors.tolist(), strict=True)
+    return Information(names, lower, upper, readings.linear, draws)
+
+
+class _Readings:
+    """The whitened readings of a plan as functions of the parameters `wanted` (indices); all other parameters act linearly."""
+
+    def __init__(self, model: Model, wanted: Sequence[int]) -> None:
+        self.model, self.wanted = model, np.array(wanted)
+        self.prior = [model.parameters[i] for i in wanted]
+        self.typical = typical_values(model)
+        self.slopes = self._slopes(self.typical)
+        others = np.setdiff1d(np.arange(len(model.parameters)), self.wanted)
+        self.other = self.slopes[:, others] * model.prior_sigma[others]
+        self.factor = np.linalg.cholesky(np.eye(len(others)) + self.other.T @ self.other)
+
+    def _slopes(self, values: Array) -> Array:
+        """Whitened Jacobian of all readings (N, parameters)."""
+        tables = []
+        for run in self.model.campaign.runs:
+            line = self.model.linearise(run, values)
+            table = np.zeros((line.prediction.size, len(values)))
+            table[:, line.columns] = (line.jacobian / self.model.noise(run)[:, None]).reshape(len(table), -1)
+            tables.append(table)
+        return np.concatenate(tables)
+
+    def _vector(self, theta: Array) -> Array:
+        vector = self.typical.copy()
+        vector[self.wanted] = theta
+        return vector
+
+    def predicted(self, theta: Array) -> Array:
+        """Whitened readings without noise and without what the other parameters add (N,)."""
+        vector = self._vector(theta)
+        runs = self.model.campaign.runs
+        return np.concatenate([(self.model.predict_run(r, vector) / self.model.noise(r)).ravel() for r in runs])
+
+    def slopes_at(self, theta: Array) -> Array:
+        """Change of `predicted` with θ (N, k)."""
+        return self._slopes(self._vector(theta))[:, self.wanted]
+
+    def noise(self, generator: np.random.Generator) -> Array:
+        """One draw of the noise and of what the other parameters add (N,)."""
+        rows, columns = self.other.shape
+        return np.asarray(generator.standard_normal(rows) + self.other @ generator.standard_normal(columns))
+
+    def drawn(self, generator: np.random.Generator, count: int) -> list[Array]:
+        """Draws from the prior within its bounds."""
+        priors = [self._bounded(k) for k in range(len(self.prior))]
+        return list(np.stack([prior.rvs(count, random_state=generator) for prior in priors], axis=1))
+
+    def _bounded(self, k: int) -> Any:
+        p = self.prior[k]
+        return truncnorm((p.lower - p.mean) / p.sigma, (p.upper - p.mean) / p.sigma, p.mean, p.sigma)
+
+    def log_prior(self, theta: Array) -> float:
+        """Log of the prior density."""
+        return float(sum(self._bounded(k).logpdf(value) for k, value in enumerate(theta)))
+
+    def information(self, slopes: Array) -> Array:
+        """Information about θ, all else marginalised (k, k)."""
+        seen = solve_triangular(self.factor, self.other.T @ slopes, lower=True)
+        return np.asarray(slopes.T @ slopes - seen.T @ seen)
+
+    def pull(self, slopes: Array, residual: Array) -> Array:
+        """Slope of the log likelihood in θ (k,)."""
+        seen = solve_triangular(
+            self.factor, np.column_stack([self.other.T @ slopes, self.other.T @ residual]), lower=True
+        )
+        return np.asarray(slopes.T @ residual - seen[:, :-1].T @ seen[:, -1])
+
+    def log_likelihood(self, residual: Array) -> float:
+        """Log of p(y | θ) but for a constant, of whitened readings less those predicted."""
+        seen = solve_triangular(self.factor, self.other.T @ residual, lower=True)
+        return -0.5 * float(residual @ residual - seen @ seen)
+
+    @cached_property
+    def linear(self) -> float:
+        """Information at the typical sizes, by the slopes there, nats."""
+        sigma = np.array([p.sigma for p in self.prior])
+        whole = np.eye(len(sigma)) + self.information(self.slopes[:, self.wanted]) * np.outer(sigma, sigma)
+        return 0.5 * float(np.linalg.slogdet(whole)[1])
+
+
+def _bounds(
+    readings: _Readings, truth: Array, plain: Array, y: Array, others: Sequence[tuple[Array, Array]], samples: int,
+    generator: np.random.Generator,
+) -> tuple[float, float]:  # fmt: skip
+    """One term of the lower and of the upper mean."""
+    proposal = _proposal(readings, y, others)
+
+    def weight(theta: Array, log_likelihood: float) -> float:
+        return log_likelihood + readings.log_prior(theta) - float(proposal.logpdf(theta))
+
+    own = readings.log_likelihood(y - plain)
+    weights = [weight(truth, own)]
+    for theta in np.atleast_2d(proposal.rvs(samples, random_state=generator)).reshape(samples, len(truth)):
+        possible = math.isfinite(readings.log_prior(theta))
+        weights.append(weight(theta, _likelihood(readings, theta, y)) if possible else -math.inf)
+    lower = own - float(logsumexp(weights)) + math.log(samples + 1)
+    upper = own - float(logsumexp(weights[1:])) + math.log(samples)
+    return lower, upper
+
+
+def _likelihood(readings: _Readings, theta: Array, y: Array) -> float:
+    try:
+        return readings.log_likelihood(y - readings.predicted(theta))
+    except EvaluationError:
+        return -math.inf  # a drive that is unstable gives no such readings
+
+
+def _proposal(readings: _Readings, y: Array, others: Sequence[tuple[Array, Array]]) -> Any:
+    """Student's t about the posterior mode that Gauss-Newton steps find from the best of `others`, draws but for the truth."""
+    mean, sigma = (np.array([getattr(p, name) for p in readings.prior]) for name in ("mean", "sigma"))
+    lower, upper = (np.array([getattr(p, name) for p in readings.prior]) for name in ("lower", "upper"))
+
+    def posterior(theta: Array, likelihood: float) -> float:
+        return likelihood - 0.5 * float(np.sum(((theta - mean) / sigma) ** 2))
+
+    start, at = max(others, key=lambda each: posterior(each[0], readings.log_likelihood(y - each[1])))
+    theta, best = start, posterior(start, readings.log_likelihood(y - at))
+    for _ in range(ITERATIONS):
+        slopes = readings.slopes_at(theta)
+        precision = readings.information(slopes) + np.diag(sigma**-2.0)
+        step = np.linalg.solve(
+            precision, readings.pull(slopes, y - readings.predicted(theta)) - (theta - mean) / sigma**2
+        )
+        for share in (1.0, 0.5, 0.25, 0.1, 0.01):
+            tried = np.clip(theta + share * step, lower, upper)
+            value = posterior(tried, _likelihood(readings, tried, y))
+            if value > best:
+                break
+        else:
+            break
+        gain, theta, best = value - best, tried, value
+        if gain < 0.01:
+            break
+    slopes = readings.slopes_at(theta)
+    precision = readings.information(slopes) + np.diag(sigma**-2.0)
+    return multivariate_t(theta, np.linalg.inv(precision), df=FREEDOM)
