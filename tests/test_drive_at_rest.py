@@ -15,6 +15,7 @@ from symfive.diagnose import diagnose
 from symfive.effects import make_effect
 from symfive.identify import identify
 from symfive.machine import Machine, Structure, make_axis
+from symfive.posterior import baseline
 
 RATE, NOISE = 32.0, 0.3
 MASS, VISCOUS, COULOMB, OFFSET = 95.0, 200.0, 20.0, -3.0
@@ -67,6 +68,16 @@ def test_what_friction_holds_at_rest_may_count_nowhere() -> None:
     counted = identify(recorded())
     assert counted.chi2_dof > 100.0
     assert any('at_rest = "ignored" leaves them out' in note for note in counted.notes)
+
+
+def test_a_residual_far_above_the_noise_spends_no_degrees_of_freedom() -> None:
+    """χ²/dof of the plain model under the declared noise: mean square of the residual over that of the noise."""
+    campaign = recorded()
+    fit = baseline(campaign)
+    assert not fit.outliers and fit.dof == pytest.approx(campaign.rows - len(fit.model.parameters), abs=0.1)
+    left = fit.residuals["moves"][:, 1]
+    assert fit.chi2_dof == pytest.approx(np.sum(left**2) / NOISE**2 / fit.dof)
+    assert not [note for note in fit.notes if "no more readings than parameters" in note]
 
 
 def test_a_drive_that_only_holds_reads_what_it_holds() -> None:

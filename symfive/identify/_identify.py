@@ -99,9 +99,9 @@ def summarise(
     inner = np.ix_(free, free)
     covariance = np.zeros_like(information.matrix)
     covariance[inner] = np.linalg.inv(information.matrix[inner] + np.diag(problem.prior_precision[free]))
+    spent = float(np.trace(covariance[inner] @ information.matrix[inner]))
     excess = problem.excess_at(values)[inner]
     covariance[inner] += covariance[inner] @ excess @ covariance[inner]
-    spent = float(np.trace(covariance[inner] @ information.matrix[inner]))
     declared, rms, rms_kept = _squares(problem, residuals)
     dof = max(information.count - spent, 1.0)
     runs = model.campaign.runs
