@@ -11,8 +11,8 @@ __all__ = [
     "rounded", "unit_words", "with_std", "with_unit",
 ]  # fmt: skip
 
-RESOLUTION = {"um": 1e-4, "urad": 1e-4, "mm": 1e-6, "deg": 1e-7, "s": 1e-7, "%": 1e-4}
-"""What is smaller in this unit is 0 to any machine tool."""
+RESOLUTION = {"um": 1e-4, "urad": 1e-4, "mm": 1e-6, "deg": 1e-7, "s": 1e-7, "%": 1e-4, "1": 1e-6}
+"""What is smaller in this unit is 0 to any machine tool; `1`: directions, gains."""
 NOTHING = 1e-12
 """What is smaller in other units is rounding of the computer."""
 FEW_DOF = 20.0
@@ -38,7 +38,7 @@ def decimals(std: float) -> int:
 
 def rounded(value: float, std: float, unit: str = "") -> str:
     """A value to the digits that its uncertainty leaves: two of the 1σ; a plain number where `std` is 0."""
-    if not std > RESOLUTION.get(unit.replace("µ", "u"), NOTHING):
+    if not _counts(std, unit):
         return plain_number(value, unit)
     digits = decimals(std)
     if digits < -6:
@@ -48,8 +48,8 @@ def rounded(value: float, std: float, unit: str = "") -> str:
 
 
 def with_std(value: float, std: float, unit: str = "") -> str:
-    """Value ± 1σ with its unit, as `8.90 ± 0.06 µm`; without the 1σ where there is none."""
-    spread = f" ± {rounded(std, std, unit)}" if std > 0.0 else ""
+    """Value ± 1σ with its unit, as `8.90 ± 0.06 µm`; without the 1σ where there is none or it is below the unit's resolution."""
+    spread = f" ± {rounded(std, std, unit)}" if _counts(std, unit) else ""
     words = unit_words(unit)
     return f"{rounded(value, std, unit)}{spread}{f' {words}' if words not in ('', '1') else ''}"
 
@@ -76,9 +76,14 @@ def _listed(value: Any, std: Any, unit: str, spread: bool) -> str:
         if not isinstance(value, (int, float)):
             return str(value)
         own = _spread(std)
-        return rounded(value, own, unit) + (f" ± {rounded(own, own, unit)}" if spread and own > 0.0 else "")
+        return rounded(value, own, unit) + (f" ± {rounded(own, own, unit)}" if spread and _counts(own, unit) else "")
     spreads = std if isinstance(std, tuple) else (std,) * len(value)
     return f"({', '.join(_listed(v, s, unit, spread) for v, s in zip(value, spreads, strict=False))})"
+
+
+def _counts(std: float, unit: str) -> bool:
+    """Whether a 1σ is more than nothing in its unit."""
+    return std > RESOLUTION.get(unit.replace("µ", "u"), NOTHING)
 
 
 def _spread(std: Any) -> float:

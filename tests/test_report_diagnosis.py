@@ -366,6 +366,8 @@ def test_small_numbers_in_words():
     assert in_words("EZB") == "EZB" and in_words(("B", "C")) == "B, C"
     assert in_words(7.0123, 0.064, "um") == "7.012 ± 0.064 µm"
     assert in_words((0.0, 0.27712), (0.01, 0.004), "1") == "(0.000 ± 0.010, 0.2771 ± 0.0040)"
+    assert in_words((0.0, 4e-14, 1.0), (0.0, 1.7e-12, 3e-11), "1") == "(0, 0, 1)"  # one direction is read
+    assert in_words(7.01, 2e-9, "um") == "7.01 µm"
     matrix, spreads = ((1.0, 0.0123), (-0.2, 1.0)), ((0.01, 0.01), (0.1, 0.1))
     assert in_words(matrix, spreads, spread=False) == "((1.000, 0.012), (−0.20, 1.00))"
     assert percent(0.9999) == "above 99.9 %" and percent(0.5) == "50 %" and percent(0.0) == "0 %"
