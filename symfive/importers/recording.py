@@ -68,8 +68,16 @@ class Setting:
 def runs_of(machine: Machine, columns: Columns, setting: Setting, id: str) -> list[Run]:
     """The runs that a table's columns (name → (N, n) in mm, degree, s, N, Nm) make: one, or one per direction of a circle.
 
-    Raises `InputError` saying what lacks.
+    Raises `InputError` saying what lacks, and where the time does not increase.
     """
+    at = _one(columns, "time") if "time" in columns else np.zeros(0)
+    if len(back := np.flatnonzero(np.diff(at) <= 0.0)):
+        problem = (
+            f"the time does not increase at reading {back[0] + 2}: {at[back[0] + 1]:.10g} s after {at[back[0]]:.10g} s"
+        )
+        raise InputError(
+            problem, remedy="put the rows in order of time, each instant once; import one recording per file"
+        )
     if "angle" in columns:
         return _circles(machine, columns, setting, id)
     if "target" in columns:
@@ -162,7 +170,9 @@ def _positioning(machine: Machine, columns: Columns, setting: Setting, id: str) 
         raise InputError(problem, remedy=remedy)
     time = _one(columns, "time") if "time" in columns else None
     if "measured" in columns:
-        return positioning_run(machine, target, _one(columns, "measured") - target, setting, id, time=time)
+        deviation = _one(columns, "measured") - target
+        _refuse_elsewhere(target, deviation)
+        return positioning_run(machine, target, deviation, setting, id, time=time)
     deviation = _one(columns, "deviation")
     _refuse_positions(target, deviation, "deviation")
     return positioning_run(machine, target, deviation, setting, id, time=time)
@@ -174,6 +184,18 @@ def _refuse_positions(target: Array, values: Array, columns: str) -> None:
     if np.abs(moved - way).sum() < np.abs(moved).sum():
         problem = f"the readings of {columns} move with the targets: these are positions and no deviations"
         raise InputError(problem, remedy="give deviations, or rows in measured order with --map measured=2:mm")
+
+
+def _refuse_elsewhere(target: Array, deviation: Array) -> None:
+    """Raise `InputError` where measured positions deviate from their targets by more than half of the motion: they have another
+    sign or unit."""
+    way, moved = target - target.mean(), deviation - deviation.mean()
+    if np.abs(moved).sum() > 0.5 * np.abs(way).sum():
+        ratio = 1.0 + float(way @ moved) / float(way @ way or 1.0)
+        problem = f"the measured position moves by {ratio:.4g} where the target moves by 1"
+        raise InputError(
+            problem, remedy="give the unit in --map measured=2:mm; of the opposite sign multiply the column by -1"
+        )
 
 
 def positioning_run(
