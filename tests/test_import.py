@@ -163,6 +163,17 @@ def test_a_positioning_test_keeps_its_times(tmp_path: Path):
     assert approach(run.commands["X"]).tolist() == [1.0, 1.0, -1.0, -1.0]
 
 
+@pytest.mark.parametrize("begin", ["", "2026-03-02 ", "2026-03-02T"])
+def test_instants_are_read_as_seconds(begin: str, tmp_path: Path):
+    """As logs have them; a decimal point there says nothing of the marks of the readings."""
+    times = ["23:59:58", "23:59:58.25", "23:59:59,5"]
+    rows = [f"{begin}{t};{x};{x // 100},5" for t, x in zip(times, (0, 100, 200), strict=True)]
+    (tmp_path / "x.csv").write_text("\n".join(["Timestamp;target [mm];deviation [µm]", *rows]))
+    (run,) = _imported(tmp_path, "three-axis", tmp_path / "x.csv", "--yes").runs
+    np.testing.assert_allclose(run.time, [0.0, 0.25, 1.5], atol=1e-6)
+    np.testing.assert_allclose(run.readings["X_dev_um"], [0.5, 1.5, 2.5])
+
+
 def test_a_rotary_axis_has_a_positioning_test_too(tmp_path: Path):
     """Readings of an autocollimator, arcseconds, at targets in degrees."""
     rows = [f"{t},{u},{d}" for t, u, d in ((0.0, 0.0, 3.0), (90.0, -7.2, -3.6), (180.0, 1.8, 5.4))]
@@ -312,6 +323,10 @@ WRONG = {
     "early": (["angle [deg];deviation [um]", "0;1", "1;n/a", "2;3", "3;4"], ["--yes"], "line 3", "write a number"),
     "first": (["angle [deg];deviation [um]", "0;n/a", "1;2", "2;3"], ["--yes"], "line 2", "write a number"),
     "thousands": (["angle;deviation", "0;1.234,5", "1;1.234,6"], [], "line 2", "none between the thousands"),
+    "blank": (["angle [deg];deviation [um]", "0;1;5", "1;2;", "2;3;", "3;4;5"], ["--yes"], "line 3: a cell is empty",
+              "delete the row"),
+    "large": (["t;x", "1764000000000;1", "1764000000001;2"], [], "line 2: '1764000000000' is beyond 1e+12", "write the reading"),
+    "instant": (["t;x", "08:61:00;1", "08:62:00;2"], [], "line 2: '08:61:00' is no instant", "hours:minutes:seconds"),
     "back": (["time [s];target [mm];deviation [um]", "0;0;1", "9;100;2", "9;200;3"], ["--yes"], "at reading 3: 9 s after 9 s",
              "in order of time"),
     "opposite": (["target [mm];measured [mm]", "0;0", "100;-100.01", "200;-199.99"], ["--yes"], "moves by -0.9999 where",

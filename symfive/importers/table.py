@@ -1,13 +1,15 @@
 """A table of numbers as any instrument's software or spreadsheet writes it.
 
 Encoding, separator, decimal mark and the length of the head are guessed: they can be seen to be right. What the columns mean
-and their units are not; names and units are taken from the head where it has them.
+and their units are not; names and units are taken from the head where it has them. Instants (08:00:30.5, 2026-03-02T08:00:30) are
+read as seconds.
 """
 
 from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +21,8 @@ from symfive.separated import SIGNS, Marks, are_numbers, cells_of, signs_of
 
 MAX_BYTES = 200_000_000
 _UNIT = re.compile(r"^(.*?)\s*(?:[\[(]\s*([^\])]*?)\s*[\])]|/\s*(\S+)|_(um|mm|m|in|deg|rad|s|ms|N|Nm|urad|arcsec))?$")
+_INSTANT = re.compile(r"(\d{4}-\d\d-\d\d[T ])?\d\d:\d\d:\d\d([.,]\d{1,6})?(Z|[+-]\d\d:\d\d)?")
+_BEGIN = datetime(2000, 1, 1)
 _BLANKS = re.compile(r",?\s+(?![\[(])")
 _SPELT = {
     "µm": "um", "μm": "um", "âµm": "um", "micron": "um", "microns": "um", "°": "deg", "degree": "deg",
@@ -64,11 +68,15 @@ def read_table(path: Path | str) -> Table:
             if not line.strip():
                 continue
             cells = _cells(line, sign)
+            if len(cells) == count - 1 and line.rstrip(" ").endswith(sign):
+                cells = [*cells, ""]
             if len(cells) != count:
                 problem = f"the row has {len(cells)} cells, the first one has {count}"
                 raise InputError(problem, line=number, remedy="remove what is no row of the table")
-            rows.append([marks.number(cell, number) for cell in cells])
+            rows.append([_number(cell, marks, number) for cell in cells])
     names, units = _head(lines[:first], sign, count)
+    instants = [bool(_INSTANT.fullmatch(cell)) for cell in _cells(lines[first], sign)]
+    units = tuple("s" if instant else unit for instant, unit in zip(instants, units, strict=True))
     decimal = "comma" if sign != "," and any("," in line for line in lines[first : first + 50]) else "point"
     head = f"{first} lines of head" if first else "no head"
     return Table(path, names, units, np.array(rows), f"{encoding}, {SIGNS[sign]}, decimal {decimal}, {head}")
@@ -92,20 +100,37 @@ def _cells(line: str, sign: str) -> list[str]:
     return cells[:-1] if len(cells) > 1 and not cells[-1] else cells
 
 
+def _number(cell: str, marks: Marks, line: int) -> float:
+    """The number of a cell; of an instant the seconds since midnight, with a date since 2000."""
+    if not (match := _INSTANT.fullmatch(cell)):
+        return marks.number(cell, line)
+    try:
+        instant = datetime.fromisoformat(cell if match[1] else f"{_BEGIN:%Y-%m-%d}T{cell}")
+    except ValueError:
+        raise InputError(f"{shown(cell)} is no instant", line=line, remedy="write hours:minutes:seconds") from None
+    return (instant.replace(tzinfo=None) - _BEGIN).total_seconds()
+
+
+def _are_numbers(cells: list[str], sign: str) -> bool:
+    """Whether the cells are numbers or instants."""
+    return are_numbers([cell for cell in cells if not _INSTANT.fullmatch(cell)], sign)
+
+
 def _begin(path: Path, lines: list[str]) -> tuple[str, int]:
     """Separator and first line of the table: the first two rows in a row that hold as many numbers, two or more.
 
-    Rows of as many cells just above that begin with a number belong to it, though they hold a text: no head begins so.
+    Rows of as many cells just above that begin with a number, or of one more, belong to it, though they hold a text: no head
+    begins so.
     """
     for first, line in enumerate(lines):
         after = next((later for later in lines[first + 1 :] if later.strip()), line)
         for sign in signs_of(line):
             cells, below = _cells(line, sign), _cells(after, sign)
-            if len(cells) == len(below) > 1 and are_numbers(cells, sign) and are_numbers(below, sign):
+            if len(cells) == len(below) > 1 and _are_numbers(cells, sign) and _are_numbers(below, sign):
                 while (
                     first
-                    and len(above := _cells(lines[first - 1], sign)) == len(cells)
-                    and are_numbers(above[:1], sign)
+                    and len(above := _cells(lines[first - 1], sign)) - len(cells) in (0, 1)
+                    and _are_numbers(above[:1], sign)
                 ):
                     first -= 1
                 return sign, first
@@ -114,14 +139,18 @@ def _begin(path: Path, lines: list[str]) -> tuple[str, int]:
 
 
 def _refuse_unreadable(path: Path, lines: list[str]) -> None:
-    """Raises `InputError` for the cell that is no number in rows that begin with one: 1.234,5 has a mark between thousands."""
+    """Raises `InputError` for the cell that is no number in rows of which half are: 1.234,5 has a mark between thousands."""
     for number, line in enumerate(lines[:-1], start=1):
         for sign in signs_of(line):
             cells, below = _cells(line, sign), _cells(lines[number], sign)
-            if len(cells) == len(below) > 1 and are_numbers(cells[:1], sign) and are_numbers(below[:1], sign):
+            if len(cells) == len(below) > 1 and all(_mostly_numbers(row, sign) for row in (cells, below)):
                 with inside(path=path):
                     for cell in cells:
-                        Marks(sign).number(cell, number)
+                        _number(cell, Marks(sign), number)
+
+
+def _mostly_numbers(cells: list[str], sign: str) -> bool:
+    return 2 * sum(_are_numbers([cell], sign) for cell in cells) >= len(cells)
 
 
 def _head(lines: list[str], sign: str, count: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
