@@ -93,6 +93,27 @@ def test_of_neighbouring_outliers_every_one_is_excluded() -> None:
     assert next(iter(found.noises.values())).white < 1.15 * NOISE_UM
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_spikes_far_above_slow_noise_are_single_readings(seed: int) -> None:
+    """Under slow noise a spike of 200σ draws many innovations after it beyond the limit: these are no mismatch."""
+    rng = np.random.default_rng(seed)
+    slow = np.zeros(400)
+    for k in range(1, len(slow)):
+        slow[k] = 0.95 * slow[k - 1] + 0.1 * rng.standard_normal()
+    spikes = {50: 60.0, 130: -45.0, 133: -30.0, 260: 50.0, 261: -38.0}
+    deviation = slow + NOISE_UM * rng.standard_normal(len(slow))
+    for row, size in spikes.items():
+        deviation[row] += size
+    whole = campaign([np.zeros(62)])
+    run = replace(
+        whole.runs[0], time=np.arange(float(len(slow))), commands={"X": np.linspace(0.0, 200.0, len(slow))},
+        readings={"X_dev_um": deviation}, file="",
+    )  # fmt: skip
+    found = identify(replace(whole, runs=(run,)))
+    assert [o.row for o in found.outliers] == list(spikes)
+    assert next(iter(found.noises.values())).white < 1.15 * NOISE_UM
+
+
 def test_a_reading_that_draws_the_fit_towards_itself_is_judged_by_what_that_leaves() -> None:
     """The last of 61 readings determines most of the slope: of its error of 9σ the residual shows about 3σ, noise up to 3.8σ."""
     rng = np.random.default_rng(0)

@@ -59,10 +59,9 @@ def isolated_outliers(block: Block, noise: Noise, limit: float, leverage: Array)
     response = _response(noise, block.interval)
     found = []
     for j in range(columns):
-        for group in _isolated(beyond[j]):
-            innovations = np.array(table[group[0] : group[0] + RESPONSE_ROWS, j])
-            if _returns(innovations, response):
-                found += [(group[0] + k, j) for k in _disturbed(innovations[: len(group)], response, limit)]
+        for group in _isolated(_disturbed(beyond[j], table[:, j], response, limit)):
+            if _returns(np.array(table[group[0] : group[0] + RESPONSE_ROWS, j]), response):
+                found += [(row, j) for row in group]
     return found, table
 
 
@@ -122,13 +121,21 @@ def short_groups(mask: Flags) -> Flags:
     return kept
 
 
-def _disturbed(innovations: Array, response: Array, limit: float) -> list[int]:
-    """Which of a few neighbouring innovations are beyond `limit` without what the ones before them cause."""
-    rest, found = innovations.copy(), []
-    for k in range(len(rest)):
-        if abs(rest[k]) > limit:
-            found.append(k)
-            rest[k:] -= rest[k] / response[0] * response[: len(rest) - k]
+def _disturbed(rows: list[int], innovations: Array, response: Array, limit: float) -> list[int]:
+    """Which of the `rows` are beyond `limit` without what short groups of them before cause: under slow noise one disturbed
+    reading draws the innovations of many after it."""
+    found, causes, length = list[int](), list[tuple[int, float]](), 0
+    for row in rows:
+        causes = [(at, size) for at, size in causes if row - at < len(response)]
+        rest = float(innovations[row]) - sum(size * response[row - at] for at, size in causes)
+        if abs(rest) <= limit:
+            continue
+        length = length + 1 if found and row == found[-1] + 1 else 1
+        found.append(row)
+        if length <= LONGEST_OUTLIER:
+            causes.append((row, rest / float(response[0])))
+        else:  # a mismatch, and no disturbance of single readings
+            causes = [(at, size) for at, size in causes if at <= row - length]
     return found
 
 
@@ -149,7 +156,7 @@ def _returns(innovations: Array, response: Array) -> bool:
 
 
 def _isolated(rows: list[int]) -> list[list[int]]:
-    """Groups of neighbouring rows short enough to be outliers (one also disturbs the innovation after it)."""
+    """Groups of neighbouring rows short enough to be outliers."""
     groups: list[list[int]] = []
     for row in rows:
         if groups and row - groups[-1][-1] <= 1:
