@@ -93,6 +93,15 @@ def test_a_drive_that_only_holds_reads_what_it_holds() -> None:
     assert not [note for note in fit.notes if "at rest" in note]
 
 
+def test_a_force_of_the_opposite_sign_is_noted() -> None:
+    campaign = recorded(at_rest="ignored")
+    run = campaign.runs[0]
+    readings = {**run.readings, "X_force_N": -run.readings["X_force_N"]}
+    notes = identify(replace(campaign, runs=(run.with_readings(readings),))).notes
+    assert any("drive_force.X.mass is -95" in note and "reversed in sign" in note for note in notes)
+    assert not any("reversed in sign" in note for note in identify(campaign).notes)
+
+
 def test_rest_is_no_fault_of_a_drive() -> None:
     assert not diagnose(recorded(seed=2, at_rest="ignored")).findings
 

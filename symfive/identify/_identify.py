@@ -105,8 +105,10 @@ def summarise(
     declared, rms, rms_kept = _squares(problem, residuals)
     dof = max(information.count - spent, 1.0)
     runs = model.campaign.runs
-    remarks = (INSTRUMENTS[name].remark(run, model.machine) for run in runs for name, _ in problem.parts(run))
-    notes = (*notes, *filter(None, remarks))
+    sizes = zip(values.tolist(), np.sqrt(np.maximum(np.diag(covariance), 0.0)).tolist(), strict=True)
+    found = {p.name: size for p, size in zip(model.parameters, sizes, strict=True)}
+    read = ((run, INSTRUMENTS[name]) for run in runs for name, _ in problem.parts(run))
+    notes = (*notes, *(said for run, each in read for said in each.remarks(run, model.machine, found)))
     if not converged:
         notes = (*notes, "the fit did not converge; the values are the best found and their uncertainties may be wrong")
     if information.count <= spent:

@@ -86,9 +86,9 @@ class Instrument:
         """Rows (N,) of which no parameter determines the readings, so that these count nowhere."""
         return np.zeros(run.rows, dtype=bool)
 
-    def remark(self, run: Run, machine: Machine) -> str:
-        """What a fit says of such rows in a run; nothing where there are none."""
-        return ""
+    def remarks(self, run: Run, machine: Machine, found: Mapping[str, tuple[float, float]]) -> tuple[str, ...]:
+        """What a fit says of such rows in a run, and of parameters that no instrument has: `found` name → value and 1σ."""
+        return ()
 
     def reading(self, row: Row, run: Run) -> list[Symbol]:
         """The readings in internal units, one per column."""

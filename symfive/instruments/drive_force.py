@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +24,8 @@ IGNORED = "ignored"
 TERMS = ("mass", "viscous", "coulomb", "offset")
 ORDER = 4
 FINER = 10
+NEGATIVE = 3.0
+"""σ below zero at which a mass is none."""
 DERIVATIVES = {"velocity": 1, "acceleration": 2, "jerk": 3}
 
 
@@ -142,12 +145,20 @@ class DriveForce(Instrument):
         ignored = run.options.get("at_rest") == IGNORED
         return self._rests(run, machine) if ignored else super().undetermined(run, machine)
 
-    def remark(self, run: Run, machine: Machine) -> str:
-        count = int(self._rests(run, machine).sum())
-        if run.options.get("at_rest") == IGNORED:
-            return f"run {run.id}: {count} readings at rest are not counted" if count else ""
-        what = f'at rest, where friction may hold any force up to its level; at_rest = "{IGNORED}" leaves them out'
-        return f"run {run.id}: {count} of {run.rows} readings of the drive force were taken {what}" if count else ""
+    def remarks(self, run: Run, machine: Machine, found: Mapping[str, tuple[float, float]]) -> tuple[str, ...]:
+        count, said = int(self._rests(run, machine).sum()), list[str]()
+        if count and run.options.get("at_rest") == IGNORED:
+            said.append(f"run {run.id}: {count} readings at rest are not counted")
+        elif count:
+            what = f'at rest, where friction may hold any force up to its level; at_rest = "{IGNORED}" leaves them out'
+            said.append(f"run {run.id}: {count} of {run.rows} readings of the drive force were taken {what}")
+        name = f"drive_force.{run.options['axis']}.mass"
+        mass, sigma = found.get(name, (0.0, 0.0))
+        if mass < -NEGATIVE * sigma:
+            said.append(
+                f"run {run.id}: {name} is {mass:.3g}, below zero: is the force or the position reversed in sign?"
+            )
+        return tuple(said)
 
     def _rests(self, run: Run, machine: Machine) -> Flags:
         """Rest between motions (N,): both ends of each interval in which the axis moves less than `v_rest` allows, and as far as
