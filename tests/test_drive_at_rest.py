@@ -102,6 +102,20 @@ def test_a_force_of_the_opposite_sign_is_noted() -> None:
     assert not any("reversed in sign" in note for note in identify(campaign).notes)
 
 
+@pytest.mark.parametrize(("jitter", "noted"), [(0.0, False), (0.05, True)])
+def test_uneven_times_are_noted_and_lost_rows_are_not(jitter: float, noted: bool) -> None:
+    """Times of arrival 5 % of a row off: the mass comes out too small."""
+    campaign = recorded(at_rest="ignored")
+    run = campaign.runs[0]
+    kept = np.delete(np.arange(run.rows), [100, 101, 230])
+    time = run.time[kept] + jitter / RATE * np.random.default_rng(1).standard_normal(len(kept))
+    readings = {name: values[kept] for name, values in run.readings.items()}
+    part = replace(run, time=time - time[0], commands={"X": run.commands["X"][kept]}, readings=readings)
+    fit = identify(replace(campaign, runs=(part,)))
+    assert any("the times of the rows are uneven" in note for note in fit.notes) is noted
+    assert (fit["drive_force.X.mass"] < 0.98 * MASS) is noted
+
+
 def test_rest_is_no_fault_of_a_drive() -> None:
     assert not diagnose(recorded(seed=2, at_rest="ignored")).findings
 

@@ -24,6 +24,8 @@ IGNORED = "ignored"
 TERMS = ("mass", "viscous", "coulomb", "offset")
 ORDER = 4
 FINER = 10
+UNEVEN = 0.1
+"""Share of noise in an acceleration at which its factor, the mass, is 1 % too small."""
 NEGATIVE = 3.0
 """σ below zero at which a mass is none."""
 DERIVATIVES = {"velocity": 1, "acceleration": 2, "jerk": 3}
@@ -152,6 +154,9 @@ class DriveForce(Instrument):
         elif count:
             what = f'at rest, where friction may hold any force up to its level; at_rest = "{IGNORED}" leaves them out'
             said.append(f"run {run.id}: {count} of {run.rows} readings of the drive force were taken {what}")
+        if (share := self._uneven(run, machine)) > UNEVEN:
+            problem = f"the times of the rows are uneven, which adds {100.0 * share:.0f} % of noise to the acceleration"
+            said.append(f"run {run.id}: {problem}; write the instants at which the rows were sampled")
         name = f"drive_force.{run.options['axis']}.mass"
         mass, sigma = found.get(name, (0.0, 0.0))
         if mass < -NEGATIVE * sigma:
@@ -159,6 +164,18 @@ class DriveForce(Instrument):
                 f"run {run.id}: {name} is {mass:.3g}, below zero: is the force or the position reversed in sign?"
             )
         return tuple(said)
+
+    def _uneven(self, run: Run, machine: Machine) -> float:
+        """By how much, as a share of its rms, the acceleration of the encoder's motion differs from that at even times; lost rows
+        are none of it."""
+        axis = machine.axes[run.options["axis"]]
+        position = run.readings.get(f"{axis.name}_act_{axis.unit}")
+        if run.options.get("motion_from") != "encoder" or position is None or run.rows < 3:
+            return 0.0
+        rows = np.append(0.0, np.cumsum(np.maximum(np.round(np.diff(run.time) / run.interval), 1.0)))
+        even = rows * (run.time[-1] - run.time[0]) / rows[-1]
+        own, smooth = (np.gradient(np.gradient(position, t), t) for t in (run.time, even))
+        return float(np.linalg.norm(own - smooth) / (np.linalg.norm(smooth) or 1.0))
 
     def _rests(self, run: Run, machine: Machine) -> Flags:
         """Rest between motions (N,): both ends of each interval in which the axis moves less than `v_rest` allows, and as far as
