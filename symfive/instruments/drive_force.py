@@ -24,6 +24,8 @@ IGNORED = "ignored"
 TERMS = ("mass", "viscous", "coulomb", "offset")
 ORDER = 4
 FINER = 10
+V_REST = 0.1
+"""mm/s or degree/s, where a run states no `v_rest`."""
 UNEVEN = 0.1
 """Share of noise in an acceleration at which its factor, the mass, is 1 % too small."""
 NEGATIVE = 3.0
@@ -140,7 +142,7 @@ class DriveForce(Instrument):
         )
 
     def constants(self, run: Run, machine: Machine) -> dict[str, float]:
-        rest = float(run.options.get("v_rest", 0.1))
+        rest = float(run.options.get("v_rest", V_REST))
         return {"v_rest": rest * machine.axes[run.options["axis"]].to_internal}
 
     def undetermined(self, run: Run, machine: Machine) -> Flags:
@@ -149,10 +151,12 @@ class DriveForce(Instrument):
 
     def remarks(self, run: Run, machine: Machine, found: Mapping[str, tuple[float, float]]) -> tuple[str, ...]:
         count, said = int(self._rests(run, machine).sum()), list[str]()
+        unit = machine.axes[run.options["axis"]].unit
+        rest = f"at rest (v_rest = {float(run.options.get('v_rest', V_REST)):g} {unit}/s)"
         if count and run.options.get("at_rest") == IGNORED:
-            said.append(f"run {run.id}: {count} readings at rest are not counted")
+            said.append(f"run {run.id}: {count} readings {rest} are not counted")
         elif count:
-            what = f'at rest, where friction may hold any force up to its level; at_rest = "{IGNORED}" leaves them out'
+            what = f'{rest}, where friction may hold any force up to its level; at_rest = "{IGNORED}" leaves them out'
             said.append(f"run {run.id}: {count} of {run.rows} readings of the drive force were taken {what}")
         if (share := self._uneven(run, machine)) > UNEVEN:
             problem = f"the times of the rows are uneven, which adds {100.0 * share:.0f} % of noise to the acceleration"
@@ -184,7 +188,7 @@ class DriveForce(Instrument):
         position = run.commands[axis.name]
         if run.options.get("motion_from") == "encoder":
             position = run.readings.get(f"{axis.name}_act_{axis.unit}", position)
-        rests = np.abs(np.diff(position)) < float(run.options.get("v_rest", 0.1)) * np.diff(run.time)
+        rests = np.abs(np.diff(position)) < float(run.options.get("v_rest", V_REST)) * np.diff(run.time)
         if rests.all() or not rests.any():
             return np.zeros(run.rows, dtype=bool)
         rows = np.append(rests, False) | np.append(False, rests)
