@@ -66,6 +66,8 @@ class ProbeWays(Writer):
         self.reach = self.probing.sphere_radius + self.probing.tip_radius
         self.above = np.array([0.0, 0.0, self.reach + self.probing.clearance])
         self.least_lift = self.reach + LEAST_LIFT_MM
+        workpiece, tool = self.nominal.workpiece_rotation(run.commands), self.nominal.tool_rotation(run.commands)
+        self._turns = workpiece.transpose(0, 2, 1) @ tool  # from the tool's frame to the workpiece's (rows, 3, 3)
 
     def stays(self, row: int) -> float:
         """Time of a pose's touches, from where it is reached to where it is left, s."""
@@ -85,17 +87,24 @@ class ProbeWays(Writer):
 
     def touching(self, row: int) -> Iterator[Move | Touch]:
         """From above the sphere from touch to touch, and back there."""
-        off, feed = float(self.above[2]), self.probing.between_feed
+        probing, off, feed = self.probing, float(self.above[2]), self.probing.between_feed
         above = self._place_words(row, self.above)
         for number, touch in enumerate(touches_of(self.run)):
             n = self._in_tool_frame(row, np.asarray(touch))
             if n[2] < -1e-9:
                 problem = f"run {self.run.id}: touch {number + 1} comes from below the sphere's equator"
                 raise InputError(problem, remedy="touch the half of the sphere that faces the tool", keys=("touches",))
-            beside, start = (self._place_words(row, np.array([off * n[0], off * n[1], z])) for z in (off, off * n[2]))
+            depths = (off, self.reach, self.reach + 1.0, self.reach - probing.overtravel, self.reach + probing.back_off)
+            offsets = np.array([[off * n[0], off * n[1], off], *(depth * n for depth in depths)])
+            beside, start, contact, further, target, backed = self._words_at(row, offsets)
             yield from _moves((above, beside, start), feed, guarded=True)
-            yield (done := self._touch(row, number, n))
-            yield Move(start=done.contact, end=start, feed=feed)
+            yield Touch(
+                fast=Move(start=start, end=target, feed=probing.fast_feed),
+                slow=Move(start=backed, end=target, feed=probing.slow_feed),
+                contact=contact, away={axis: further[axis] - contact[axis] for axis in "XYZ"}, back_off=probing.back_off,
+                row=row, number=number,
+            )  # fmt: skip
+            yield Move(start=contact, end=start, feed=feed)
             yield from _moves((start, beside, above), feed)
 
     def steps(self) -> list[Step]:
@@ -127,27 +136,8 @@ class ProbeWays(Writer):
         up = replace(self._to_the_top(rows, top), seconds=self._rapidly(lifted, top))
         return [up, *(self._rapid(a, b, rows) for a, b in itertools.pairwise([top, *turned]))]
 
-    def _about(self, row: int, offset: Array) -> Array:
-        """The place (3,) so far (tool frame, mm) from the sphere's centre, in the workpiece frame."""
-        pose = self._one(row)
-        turn = self.nominal.workpiece_rotation(pose)[0].T @ self.nominal.tool_rotation(pose)[0]
-        return np.asarray(np.asarray(self.run.table_ball) + turn @ offset)
-
     def _one(self, row: int) -> dict[str, Array]:
         return {name: np.array([self.run.commands[name][row]]) for name in self.names}
-
-    def _touch(self, row: int, number: int, n: Array) -> Touch:
-        """One touch along -n, the unit vector out of the sphere in the tool's frame."""
-        probing, places = self.probing, [self._place_words(row, k * n) for k in (self.reach, self.reach + 1.0)]
-        contact, away = places[0], {axis: places[1][axis] - places[0][axis] for axis in "XYZ"}
-        target = self._place_words(row, (self.reach - probing.overtravel) * n)
-        start = self._place_words(row, (self.reach + probing.clearance) * n)
-        backed = self._place_words(row, (self.reach + probing.back_off) * n)
-        return Touch(
-            fast=Move(start=start, end=target, feed=probing.fast_feed),
-            slow=Move(start=backed, end=target, feed=probing.slow_feed),
-            contact=contact, away=away, back_off=probing.back_off, row=row, number=number,
-        )  # fmt: skip
 
     def _linear_words(self, place: Mapping[str, float]) -> dict[str, float]:
         words = self._words(place, self._place(place))
@@ -160,17 +150,25 @@ class ProbeWays(Writer):
 
     def _place_words(self, row: int, offset: Array) -> dict[str, float]:
         """X Y Z that bring the tip so far (tool frame, mm) from the sphere's centre."""
-        pose, place = self._one(row), self._about(row, offset)
-        fixed = {name: pose[name] for name in self.rotary}
-        commands = self.nominal.follow(place[None], self.run.tool_ball, fixed, f"a touch of run {self.run.id}")
-        for name, (value,) in commands.items():
-            low, high = self.machine.reach(name)
-            if not low <= value <= high:
-                where = f"run {self.run.id}: touching at pose {row + 1}"
-                problem = f"{where} takes {name} to {value:.1f}, a plan uses {low:g} to {high:g} of its travel"
-                raise InputError(problem, remedy="place the sphere elsewhere, or leave that pose out")
-        words = self._words({name: float(q[0]) for name, q in commands.items()}, place)
-        return {axis: words[axis] for axis in "XYZ"}
+        return self._words_at(row, offset[None])[0]
+
+    def _words_at(self, row: int, offsets: Array) -> list[dict[str, float]]:
+        """The same of several places (n, 3)."""
+        places = np.asarray(self.run.table_ball) + offsets @ self._turns[row].T
+        fixed = {name: self.run.commands[name][row] for name in self.rotary}
+        commands = self.nominal.follow(places, self.run.tool_ball, fixed, f"a touch of run {self.run.id}")
+        found = []
+        for i, place in enumerate(places):
+            at = {name: float(q[i]) for name, q in commands.items()}
+            for name, value in at.items():
+                low, high = self.machine.reach(name)
+                if not low <= value <= high:
+                    where = f"run {self.run.id}: touching at pose {row + 1}"
+                    problem = f"{where} takes {name} to {value:.1f}, a plan uses {low:g} to {high:g} of its travel"
+                    raise InputError(problem, remedy="place the sphere elsewhere, or leave that pose out")
+            words = self._words(at, place)
+            found.append({axis: words[axis] for axis in "XYZ"})
+        return found
 
 
 class _Prober(ProbeWays):
