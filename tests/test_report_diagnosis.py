@@ -195,6 +195,13 @@ def test_rivals_and_the_next_test_stand_with_the_finding(found):
     assert no_test["what to do"] == f"if it is this cause, {unsure.effect.action}"
 
 
+def test_a_title_names_the_component_unless_others_are_as_good(found):
+    """Five components of one axis were five findings of the same title."""
+    open_ = found.findings[1]
+    assert open_.alias and open_.title == "Gravity sag of axis B"
+    assert replace(open_, alias=()).title == "Gravity sag of axis B (EZB)"
+
+
 def test_a_name_that_only_plausibility_holds_does_not_sound_sure(found, page_of):
     alias = ("backlash.Y", *found.findings[1].alias)
     unsure = replace(found.findings[1], confidence=0.991, by_experience=True, rivals=(), alias=alias)

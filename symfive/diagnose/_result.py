@@ -50,7 +50,7 @@ class RivalName:
         """As `error motion of axis B (EXB)`."""
         if self.effect == "unknown":
             return "none of the known effects"
-        return effect_words(self.effect, self.axis) + (f" ({self.component})" if self.component else "")
+        return effect_words(self.effect, self.axis, self.component)
 
 
 @dataclass(frozen=True, repr=False)
@@ -102,9 +102,10 @@ class Finding(OnScreen):
 
     @property
     def title(self) -> str:
-        """The effect and its axis, as `Gravity sag of axis B`."""
+        """The effect, its axis and its component, unless others are as good, as `Error motion of axis B (EXB)`."""
         over = f"unidentified effect over {coordinate_words(self.coordinate)}"
-        said = over if self.unidentified else effect_words(self.name, self.axis)
+        component = None if self.alias else getattr(self.effect, "component", None)
+        said = over if self.unidentified else effect_words(self.name, self.axis, component)
         return said[:1].upper() + said[1:]
 
     def __str__(self) -> str:

@@ -19,9 +19,9 @@ _COMPONENT = re.compile(r"E[A-CX-Z]0?(.+)")
 _REPEATED = re.compile(r"1?(\++)")
 
 
-def effect_words(effect: str, axis: str | None) -> str:
-    """An effect and its axis, as `gravity sag of axis B`."""
-    return effect.replace("_", " ") + (f" of axis {axis}" if axis else "")
+def effect_words(effect: str, axis: str | None, component: str | None = None) -> str:
+    """An effect, its axis and its component, as `gravity sag of axis B` or `error motion of axis B (EXB)`."""
+    return effect.replace("_", " ") + (f" of axis {axis}" if axis else "") + (f" ({component})" if component else "")
 
 
 def form_words(key: str, machine: Machine) -> str:
