@@ -66,8 +66,8 @@ class Information:
         low, high = sorted((self.lower[0], self.upper[0]))
         error, factor = max(self.lower[1], self.upper[1]), math.exp(0.5 * (low + high) / len(self.parameters))
         return (
-            f"expected information between {low:.2f} and {high:.2f} nats (± {error:.2f}), mean of {self.draws} draws of sizes, "
-            f"{self.linear:.2f} by slopes at typical sizes; each 1σ becomes {factor:,.0f} times smaller (geometric mean)"
+            f"expected information {low:.2f} to {high:.2f} nats (± {error:.2f} from {self.draws} draws of the effects' sizes; "
+            f"{self.linear:.2f} at typical sizes): each 1σ becomes {factor:,.0f} times smaller (geometric mean)"
         )
 
 
