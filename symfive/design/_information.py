@@ -23,8 +23,8 @@ from typing import Any
 
 import numpy as np
 from scipy.linalg import solve_triangular
-from scipy.special import logsumexp
-from scipy.stats import multivariate_t, truncnorm
+from scipy.special import gammaln, logsumexp
+from scipy.stats import truncnorm
 
 from symfive.arrays import Array
 from symfive.campaign import Campaign
@@ -35,8 +35,8 @@ from symfive.model import Model
 from symfive.threads import one_thread
 
 DRAWS, SAMPLES = 16, 8
-ITERATIONS = 8
-"""Gauss-Newton steps to the posterior mode at most; a worse mode makes the bounds wider and no less true."""
+STARTS, ITERATIONS, HALVINGS, SETTLED = 3, 20, 8, 0.01
+"""Of the search for the posterior mode; nats within which it has settled. A worse mode makes the bounds wider, not wrong."""
 FREEDOM = 5.0
 """Degrees of freedom of the proposal: tails that are wider than those of the posterior, so that weights stay bounded."""
 
@@ -63,11 +63,12 @@ class Information:
     @property
     def says(self) -> str:
         """The result in a sentence."""
-        low, high = sorted((self.lower[0], self.upper[0]))
+        low, high = (max(bound, 0.0) for bound in sorted((self.lower[0], self.upper[0])))
         error, factor = max(self.lower[1], self.upper[1]), math.exp(0.5 * (low + high) / len(self.parameters))
+        times = f"{factor:,.0f}" if factor >= 10.0 else f"{factor:.1f}"
         return (
             f"expected information {low:.2f} to {high:.2f} nats (± {error:.2f} from {self.draws} draws of the effects' sizes; "
-            f"{self.linear:.2f} at typical sizes): each 1σ becomes {factor:,.0f} times smaller (geometric mean)"
+            f"{self.linear:.2f} at typical sizes): each 1σ becomes {times} times smaller (geometric mean)"
         )
 
 
@@ -111,11 +112,14 @@ def expected_information(
 
 
 class _Readings:
-    """The whitened readings of a plan as functions of the parameters `wanted` (indices); all other parameters act linearly."""
+    """The whitened readings of a plan as functions of the parameters `wanted` (indices), θ in prior 1σ off the prior means; all
+    other parameters act linearly."""
 
     def __init__(self, model: Model, wanted: Sequence[int]) -> None:
         self.model, self.wanted = model, np.array(wanted)
-        self.prior = [model.parameters[i] for i in wanted]
+        self.mean, self.sigma = model.prior_mean[self.wanted], model.prior_sigma[self.wanted]
+        bounds = np.array([(model.parameters[i].lower, model.parameters[i].upper) for i in wanted])
+        self.lower, self.upper = ((bounds - self.mean[:, None]) / self.sigma[:, None]).T
         self.typical = typical_values(model)
         self.slopes = self._slopes(self.typical)
         others = np.setdiff1d(np.arange(len(model.parameters)), self.wanted)
@@ -134,7 +138,7 @@ class _Readings:
 
     def _vector(self, theta: Array) -> Array:
         vector = self.typical.copy()
-        vector[self.wanted] = theta
+        vector[self.wanted] = self.mean + self.sigma * theta
         return vector
 
     def predicted(self, theta: Array) -> Array:
@@ -145,7 +149,7 @@ class _Readings:
 
     def slopes_at(self, theta: Array) -> Array:
         """Change of `predicted` with θ (N, k)."""
-        return self._slopes(self._vector(theta))[:, self.wanted]
+        return np.asarray(self._slopes(self._vector(theta))[:, self.wanted] * self.sigma)
 
     def noise(self, generator: np.random.Generator) -> Array:
         """One draw of the noise and of what the other parameters add (N,)."""
@@ -154,16 +158,11 @@ class _Readings:
 
     def drawn(self, generator: np.random.Generator, count: int) -> list[Array]:
         """Draws from the prior within its bounds."""
-        priors = [self._bounded(k) for k in range(len(self.prior))]
-        return list(np.stack([prior.rvs(count, random_state=generator) for prior in priors], axis=1))
-
-    def _bounded(self, k: int) -> Any:
-        p = self.prior[k]
-        return truncnorm((p.lower - p.mean) / p.sigma, (p.upper - p.mean) / p.sigma, p.mean, p.sigma)
+        return list(truncnorm.rvs(self.lower, self.upper, size=(count, len(self.sigma)), random_state=generator))
 
     def log_prior(self, theta: Array) -> float:
         """Log of the prior density."""
-        return float(sum(self._bounded(k).logpdf(value) for k, value in enumerate(theta)))
+        return float(np.sum(truncnorm.logpdf(theta, self.lower, self.upper)))
 
     def information(self, slopes: Array) -> Array:
         """Information about θ, all else marginalised (k, k)."""
@@ -185,9 +184,28 @@ class _Readings:
     @cached_property
     def linear(self) -> float:
         """Information at the typical sizes, by the slopes there, nats."""
-        sigma = np.array([p.sigma for p in self.prior])
-        whole = np.eye(len(sigma)) + self.information(self.slopes[:, self.wanted]) * np.outer(sigma, sigma)
-        return 0.5 * float(np.linalg.slogdet(whole)[1])
+        seen = self.information(self.slopes[:, self.wanted] * self.sigma)
+        return 0.5 * float(np.linalg.slogdet(np.eye(len(seen)) + seen)[1])
+
+
+class _Student:
+    """Student's t in k dimensions about a `mode`, of a precision matrix (k, k)."""
+
+    def __init__(self, mode: Array, precision: Array) -> None:
+        self._mode, self._root = mode, np.linalg.cholesky(precision)
+        k = len(mode)
+        self._log = float(gammaln(0.5 * (FREEDOM + k)) - gammaln(0.5 * FREEDOM) + np.log(np.diag(self._root)).sum())
+        self._log -= 0.5 * k * math.log(FREEDOM * math.pi)
+
+    def drawn(self, generator: np.random.Generator) -> Array:
+        """One draw (k,)."""
+        z = solve_triangular(self._root.T, generator.standard_normal(len(self._mode)), lower=False)
+        return np.asarray(self._mode + z / math.sqrt(generator.chisquare(FREEDOM) / FREEDOM))
+
+    def log_density(self, theta: Array) -> float:
+        """Log of the density."""
+        square = float(np.sum((self._root.T @ (theta - self._mode)) ** 2))
+        return self._log - 0.5 * (FREEDOM + len(theta)) * math.log1p(square / FREEDOM)
 
 
 def _bounds(
@@ -198,11 +216,11 @@ def _bounds(
     proposal = _proposal(readings, y, others)
 
     def weight(theta: Array, log_likelihood: float) -> float:
-        return log_likelihood + readings.log_prior(theta) - float(proposal.logpdf(theta))
+        return log_likelihood + readings.log_prior(theta) - proposal.log_density(theta)
 
     own = readings.log_likelihood(y - plain)
     weights = [weight(truth, own)]
-    for theta in np.atleast_2d(proposal.rvs(samples, random_state=generator)).reshape(samples, len(truth)):
+    for theta in (proposal.drawn(generator) for _ in range(samples)):
         possible = math.isfinite(readings.log_prior(theta))
         weights.append(weight(theta, _likelihood(readings, theta, y)) if possible else -math.inf)
     lower = own - float(logsumexp(weights)) + math.log(samples + 1)
@@ -217,32 +235,32 @@ def _likelihood(readings: _Readings, theta: Array, y: Array) -> float:
         return -math.inf  # a drive that is unstable gives no such readings
 
 
-def _proposal(readings: _Readings, y: Array, others: Sequence[tuple[Array, Array]]) -> Any:
-    """Student's t about the posterior mode that Gauss-Newton steps find from the best of `others`, draws but for the truth."""
-    mean, sigma = (np.array([getattr(p, name) for p in readings.prior]) for name in ("mean", "sigma"))
-    lower, upper = (np.array([getattr(p, name) for p in readings.prior]) for name in ("lower", "upper"))
+def _proposal(readings: _Readings, y: Array, others: Sequence[tuple[Array, Array]]) -> _Student:
+    """Student's t about the posterior mode, the best that is found from the likeliest of `others`, draws but for the truth."""
+    starts = [(_log_posterior(theta, readings.log_likelihood(y - at)), theta) for theta, at in others]
+    ranked = sorted(starts, key=lambda each: -each[0])[:STARTS]
+    theta = max((_mode(readings, y, *start) for start in ranked), key=lambda each: each[0])[1]
+    return _Student(theta, np.eye(len(theta)) + readings.information(readings.slopes_at(theta)))
 
-    def posterior(theta: Array, likelihood: float) -> float:
-        return likelihood - 0.5 * float(np.sum(((theta - mean) / sigma) ** 2))
 
-    start, at = max(others, key=lambda each: posterior(each[0], readings.log_likelihood(y - each[1])))
-    theta, best = start, posterior(start, readings.log_likelihood(y - at))
+def _log_posterior(theta: Array, log_likelihood: float) -> float:
+    return log_likelihood - 0.5 * float(theta @ theta)
+
+
+def _mode(readings: _Readings, y: Array, best: float, theta: Array) -> tuple[float, Array]:
+    """The log posterior and θ that Gauss-Newton steps, halved where they are too long, reach from a θ of log posterior `best`."""
     for _ in range(ITERATIONS):
         slopes = readings.slopes_at(theta)
-        precision = readings.information(slopes) + np.diag(sigma**-2.0)
-        step = np.linalg.solve(
-            precision, readings.pull(slopes, y - readings.predicted(theta)) - (theta - mean) / sigma**2
-        )
-        for share in (1.0, 0.5, 0.25, 0.1, 0.01):
-            tried = np.clip(theta + share * step, lower, upper)
-            value = posterior(tried, _likelihood(readings, tried, y))
+        precision = np.eye(len(theta)) + readings.information(slopes)
+        step = np.linalg.solve(precision, readings.pull(slopes, y - readings.predicted(theta)) - theta)
+        for halving in range(HALVINGS):
+            tried = np.clip(theta + 0.5**halving * step, readings.lower, readings.upper)
+            value = _log_posterior(tried, _likelihood(readings, tried, y))
             if value > best:
                 break
         else:
+            return best, theta
+        settled, best, theta = value - best < SETTLED, value, tried
+        if settled:
             break
-        gain, theta, best = value - best, tried, value
-        if gain < 0.01:
-            break
-    slopes = readings.slopes_at(theta)
-    precision = readings.information(slopes) + np.diag(sigma**-2.0)
-    return multivariate_t(theta, np.linalg.inv(precision), df=FREEDOM)
+    return best, theta
