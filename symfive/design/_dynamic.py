@@ -149,14 +149,15 @@ def plan_circles(
     extra = 0 if robust == "nominal" else draws
     circles = _followed(machine, effects, shapes, noise_um, rate_hz, extra)
     model = Model(Campaign(machine=machine, runs=circles[0].runs), effects)
-    goal = _goal(model, tuple(for_), criterion, robust, per_minute)
+    wanted = tuple(for_)
+    goal = _goal(model, wanted, criterion, robust, per_minute)
     chosen, circles = chosen_clear(machine, goal, circles, count)
     best, notes = chosen, []
     if refine:
-        wanted = tuple(free or FREE[family])
-        bounds = _bounds(machine, shapes, wanted)
+        movable = tuple(free or FREE[family])
+        bounds = _bounds(machine, shapes, movable)
         try:
-            objective = CircleObjective(machine, effects, chosen, wanted, bounds, goal, rate_hz)
+            objective = CircleObjective(machine, effects, chosen, movable, bounds, goal, rate_hz)
         except InputError as error:
             notes.append(str(error))
         else:
@@ -167,7 +168,7 @@ def plan_circles(
     if not certify:
         return found
     certificate = certify_circles(machine, effects, goal, best, circles, noise_um=noise_um, rate_hz=rate_hz)
-    information = expected_information(found.campaign, effects, for_=for_)
+    information = expected_information(found.campaign, effects, for_=wanted)
     return replace(found, certificate=certificate, information=information)
 
 

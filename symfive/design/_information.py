@@ -167,28 +167,24 @@ class _Readings:
         share = ndtr(self.upper) - ndtr(self.lower)
         return -0.5 * float(np.sum(theta**2 + np.log(2.0 * math.pi * share**2)))
 
-    def information(self, slopes: Array) -> Array:
-        """Information about θ, all else marginalised (k, k)."""
-        seen = solve_triangular(self.factor, self.other.T @ slopes, lower=True)
-        return np.asarray(slopes.T @ slopes - seen.T @ seen)
-
-    def pull(self, slopes: Array, residual: Array) -> Array:
-        """Slope of the log likelihood in θ (k,)."""
-        seen = solve_triangular(
-            self.factor, np.column_stack([self.other.T @ slopes, self.other.T @ residual]), lower=True
-        )
-        return np.asarray(slopes.T @ residual - seen[:, :-1].T @ seen[:, -1])
+    def inner(self, a: Array, b: Array) -> Array:
+        """aᵀ Σ⁻¹ b, Σ the covariance of noise and of what the other parameters add: of slopes (N, k) the information about θ, of
+        slopes and a residual (N,) the slope of the log likelihood, of a residual -2 times that but for a constant."""
+        seen = [solve_triangular(self.factor, self.other.T @ each, lower=True) for each in ((a,) if b is a else (a, b))]
+        return np.asarray(a.T @ b - seen[0].T @ seen[-1])
 
     def log_likelihood(self, residual: Array) -> float:
         """Log of p(y | θ) but for a constant, of whitened readings less those predicted."""
-        seen = solve_triangular(self.factor, self.other.T @ residual, lower=True)
-        return -0.5 * float(residual @ residual - seen @ seen)
+        return -0.5 * float(self.inner(residual, residual))
 
     @cached_property
     def linear(self) -> float:
         """Information at the typical sizes, by the slopes there, nats."""
-        seen = self.information(self.slopes[:, self.wanted] * self.sigma)
-        return 0.5 * float(np.linalg.slogdet(np.eye(len(seen)) + seen)[1])
+        return 0.5 * float(np.linalg.slogdet(self.precision(self.slopes[:, self.wanted] * self.sigma))[1])
+
+    def precision(self, slopes: Array) -> Array:
+        """Of θ, from its prior and readings of such slopes (k, k)."""
+        return np.eye(slopes.shape[1]) + self.inner(slopes, slopes)
 
 
 class _Student:
@@ -216,54 +212,53 @@ def _bounds(
     generator: np.random.Generator,
 ) -> tuple[float, float]:  # fmt: skip
     """One term of the lower and of the upper mean."""
-    proposal = _proposal(readings, y, others)
-
-    def weight(theta: Array, log_likelihood: float) -> float:
-        return log_likelihood + readings.log_prior(theta) - proposal.log_density(theta)
-
-    own = readings.log_likelihood(y - plain)
-    weights = [weight(truth, own)]
+    proposal, own = _proposal(readings, y, others), readings.log_likelihood(y - plain)
+    weights = [own + readings.log_prior(truth) - proposal.log_density(truth)]
     for theta in (proposal.drawn(generator) for _ in range(samples)):
-        possible = math.isfinite(readings.log_prior(theta))
-        weights.append(weight(theta, _likelihood(readings, theta, y)) if possible else -math.inf)
+        prior = readings.log_prior(theta)
+        likelihood = _left(readings, theta, y)[0] if math.isfinite(prior) else 0.0
+        weights.append(likelihood + prior - proposal.log_density(theta))
     lower = own - float(logsumexp(weights)) + math.log(samples + 1)
     upper = own - float(logsumexp(weights[1:])) + math.log(samples)
     return lower, upper
 
 
-def _likelihood(readings: _Readings, theta: Array, y: Array) -> float:
+def _left(readings: _Readings, theta: Array, y: Array) -> tuple[float, Array]:
+    """Log likelihood at θ, and the residual."""
     try:
-        return readings.log_likelihood(y - readings.predicted(theta))
+        residual = y - readings.predicted(theta)
     except EvaluationError:
-        return -math.inf  # a drive that is unstable gives no such readings
+        return -math.inf, y  # a drive that is unstable gives no such readings
+    return readings.log_likelihood(residual), residual
 
 
 def _proposal(readings: _Readings, y: Array, others: Sequence[tuple[Array, Array]]) -> _Student:
     """Student's t about the posterior mode, the best that is found from the likeliest of `others`, draws but for the truth."""
-    starts = [(_log_posterior(theta, readings.log_likelihood(y - at)), theta) for theta, at in others]
+    starts = [(_log_posterior(theta, readings.log_likelihood(y - at)), theta, y - at) for theta, at in others]
     ranked = sorted(starts, key=lambda each: -each[0])[:STARTS]
     theta = max((_mode(readings, y, *start) for start in ranked), key=lambda each: each[0])[1]
-    return _Student(theta, np.eye(len(theta)) + readings.information(readings.slopes_at(theta)))
+    return _Student(theta, readings.precision(readings.slopes_at(theta)))
 
 
 def _log_posterior(theta: Array, log_likelihood: float) -> float:
     return log_likelihood - 0.5 * float(theta @ theta)
 
 
-def _mode(readings: _Readings, y: Array, best: float, theta: Array) -> tuple[float, Array]:
-    """The log posterior and θ that Gauss-Newton steps, halved where they are too long, reach from a θ of log posterior `best`."""
+def _mode(readings: _Readings, y: Array, best: float, theta: Array, residual: Array) -> tuple[float, Array]:
+    """The log posterior and θ that Gauss-Newton steps, halved where they are too long, reach from a θ with its log posterior
+    `best` and its residual."""
     for _ in range(ITERATIONS):
         slopes = readings.slopes_at(theta)
-        precision = np.eye(len(theta)) + readings.information(slopes)
-        step = np.linalg.solve(precision, readings.pull(slopes, y - readings.predicted(theta)) - theta)
+        step = np.linalg.solve(readings.precision(slopes), readings.inner(slopes, residual) - theta)
         for halving in range(HALVINGS):
             tried = np.clip(theta + 0.5**halving * step, readings.lower, readings.upper)
-            value = _log_posterior(tried, _likelihood(readings, tried, y))
+            likelihood, left = _left(readings, tried, y)
+            value = _log_posterior(tried, likelihood)
             if value > best:
                 break
         else:
             return best, theta
-        settled, best, theta = value - best < SETTLED, value, tried
+        settled, best, theta, residual = value - best < SETTLED, value, tried, left
         if settled:
             break
     return best, theta
