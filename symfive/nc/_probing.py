@@ -66,8 +66,8 @@ class ProbeWays(Writer):
         self.reach = self.probing.sphere_radius + self.probing.tip_radius
         self.above = np.array([0.0, 0.0, self.reach + self.probing.clearance])
         self.least_lift = self.reach + LEAST_LIFT_MM
-        workpiece, tool = self.nominal.workpiece_rotation(run.commands), self.nominal.tool_rotation(run.commands)
-        self._turns = workpiece.transpose(0, 2, 1) @ tool  # from the tool's frame to the workpiece's (rows, 3, 3)
+        workpiece, self._tool = self.nominal.workpiece_rotation(run.commands), self.nominal.tool_rotation(run.commands)
+        self._turns = workpiece.transpose(0, 2, 1) @ self._tool  # from the tool's frame to the workpiece's (rows, 3, 3)
 
     def stays(self, row: int) -> float:
         """Time of a pose's touches, from where it is reached to where it is left, s."""
@@ -136,9 +136,6 @@ class ProbeWays(Writer):
         up = replace(self._to_the_top(rows, top), seconds=self._rapidly(lifted, top))
         return [up, *(self._rapid(a, b, rows) for a, b in itertools.pairwise([top, *turned]))]
 
-    def _one(self, row: int) -> dict[str, Array]:
-        return {name: np.array([self.run.commands[name][row]]) for name in self.names}
-
     def _linear_words(self, place: Mapping[str, float]) -> dict[str, float]:
         words = self._words(place, self._place(place))
         return {axis: words[axis] for axis in "XYZ"}
@@ -146,7 +143,7 @@ class ProbeWays(Writer):
     def _in_tool_frame(self, row: int, touch: Array) -> Array:
         if self.run.options.get("touch_frame") != "machine":
             return touch
-        return np.asarray(self.nominal.tool_rotation(self._one(row))[0].T @ touch)
+        return np.asarray(self._tool[row].T @ touch)
 
     def _place_words(self, row: int, offset: Array) -> dict[str, float]:
         """X Y Z that bring the tip so far (tool frame, mm) from the sphere's centre."""
