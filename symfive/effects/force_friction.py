@@ -12,7 +12,7 @@ from symfive.effects._force import ForceEffect, driven_axes
 from symfive.effects._form import FORCE, Form, Forms
 from symfive.effects._quantity import Quantity
 from symfive.errors import InputError
-from symfive.instruments.drive_force import DriveForce, FilteredMotion, driven_axis
+from symfive.instruments.drive_force import DriveForce, FilteredMotion, driven_axis, rest_speed
 from symfive.motion import Position, Signal, Velocity
 from symfive.parameters import Parameter
 from symfive.row import Row
@@ -67,10 +67,9 @@ class ForceFriction(ForceEffect):
         if not self.parts or any(part not in PARTS for part in self.parts):
             raise InputError(f"{self.key}: parts {self.parts!r} are unknown", remedy=f"use some of {', '.join(PARTS)}")
         unit = self.its_axis(campaign).to_internal
-        first = runs[0].options
         fastest = max(run.fastest(run.commands[str(self.axis)]) / 60.0 for run in runs)
         return replace(
-            prepared, cut_off_hz=float(first.get("low_pass_hz", 0.0)), rest=float(first.get("v_rest", 0.1)) * unit,
+            prepared, cut_off_hz=float(runs[0].options.get("low_pass_hz", 0.0)), rest=rest_speed(runs[0]) * unit,
             usual=self.usual or USUAL_SPEED * fastest,
         )  # fmt: skip
 

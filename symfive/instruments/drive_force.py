@@ -83,6 +83,11 @@ class FilteredMotion:
         return Series(low_pass(sign, self.cut_off_hz, motion.run.interval / FINER)[::FINER])
 
 
+def rest_speed(run: Run) -> float:
+    """The speed below which the axis of a run counts as at rest, mm/s or degree/s."""
+    return float(run.options.get("v_rest", V_REST))
+
+
 def driven_axis(run: Run) -> str | None:
     """The axis whose drive force a run records; None where it records none."""
     return str(run.options.get("axis")) if DriveForce.name in run.instrument else None
@@ -142,8 +147,7 @@ class DriveForce(Instrument):
         )
 
     def constants(self, run: Run, machine: Machine) -> dict[str, float]:
-        rest = float(run.options.get("v_rest", V_REST))
-        return {"v_rest": rest * machine.axes[run.options["axis"]].to_internal}
+        return {"v_rest": rest_speed(run) * machine.axes[run.options["axis"]].to_internal}
 
     def undetermined(self, run: Run, machine: Machine) -> Flags:
         ignored = run.options.get("at_rest") == IGNORED
@@ -152,7 +156,7 @@ class DriveForce(Instrument):
     def remarks(self, run: Run, machine: Machine, found: Mapping[str, tuple[float, float]]) -> tuple[str, ...]:
         count, said = int(self._rests(run, machine).sum()), list[str]()
         unit = machine.axes[run.options["axis"]].unit
-        rest = f"at rest (v_rest = {float(run.options.get('v_rest', V_REST)):g} {unit}/s)"
+        rest = f"at rest (v_rest = {rest_speed(run):g} {unit}/s)"
         if count and run.options.get("at_rest") == IGNORED:
             said.append(f"run {run.id}: {count} readings {rest} are not counted")
         elif count:
@@ -188,7 +192,7 @@ class DriveForce(Instrument):
         position = run.commands[axis.name]
         if run.options.get("motion_from") == "encoder":
             position = run.readings.get(f"{axis.name}_act_{axis.unit}", position)
-        rests = np.abs(np.diff(position)) < float(run.options.get("v_rest", V_REST)) * np.diff(run.time)
+        rests = np.abs(np.diff(position)) < rest_speed(run) * np.diff(run.time)
         if rests.all() or not rests.any():
             return np.zeros(run.rows, dtype=bool)
         rows = np.append(rests, False) | np.append(False, rests)
