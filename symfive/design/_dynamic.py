@@ -136,8 +136,8 @@ def plan_circles(
     effects'); `robust` `nominal`, or the `mean` or `worst` case over `draws` of the effects' parameters from their priors;
     `per_minute` weighs the recording time. `refine`: the best circles are refined in the variables `free` (default ratio and
     feed; feed and centre) within the ranges of the lists, and kept only where they are better. `certify`: they are compared
-    with a dense set of circles in as many runs, or in the same time (`CirclePlan.certificate`), and what they are expected to
-    tell, whatever the sizes are, is bounded (`CirclePlan.information`). Circles that an axis cannot
+    with a dense set of circles in as many runs, or in the same time (`CirclePlan.certificate`), and their expected
+    information, averaged over the priors, is bounded (`CirclePlan.information`). Circles that an axis cannot
     follow, those whose ball would stand beside the table (`table_radius`) and those along which bodies meet are left out. Raises
     `InputError` where none is left or a name is unknown.
     """

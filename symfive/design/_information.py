@@ -1,4 +1,4 @@
-"""What a plan is expected to tell about effects, whatever their size: the mutual information of parameters and readings.
+"""The expected information of a plan about effects: the mutual information of their parameters and the readings.
 
     I = E[log p(y | θ) - log p(y)],  θ from the priors, y the readings that it would give,
 
