@@ -6,20 +6,20 @@ from pathlib import Path
 
 import click
 
-from symfive.cli._common import PATH, app, as_json, tell
+from symfive.cli import _common as cli
 
 
-@app.command(epilog="Example: symfive check machine.toml")
-@click.argument("path", type=PATH, help="A machine file, or a campaign's folder.")
-@as_json
-@click.option("-q", "--quiet", is_flag=True, help="Print the problems only.")
+@cli.app.command(epilog="Example: symfive check machine.toml")
+@click.argument("path", type=cli.PATH, help="A machine file, or a campaign's folder.")
+@cli.as_json
+@cli.flag("-q", "--quiet", help="Print the problems only.")
 def check(path: Path, as_json: bool, quiet: bool) -> None:
     """Check files. Prints a summary and every problem; exit code 1 if there is one."""
     from symfive.check import check as check_files
 
     result = check_files(path)
     if as_json or not quiet:
-        tell(result.to_data(), str(result), as_json)
+        cli.tell(result.to_data(), str(result), as_json)
     elif not result.right:
         click.echo("\n".join(map(str, result.problems)))
     if not result.right:

@@ -101,27 +101,28 @@ def app() -> None:
     """The program."""
 
 
+text = functools.partial(click.option, default="", show_default=False)
+flag = functools.partial(click.option, is_flag=True)
+positive = functools.partial(click.option, type=POSITIVE)
+"""Options whose value is a text, is or is not there, or is a number above zero."""
 campaign_path = click.argument("campaign", type=PATH, help="A campaign's folder, or its campaign.toml.")
-overwrite = click.option(
-    "--overwrite", is_flag=True, help="Replace results in the folder unless somebody changed them."
-)
+overwrite = flag("--overwrite", help="Replace results in the folder unless somebody changed them.")
 output_path = click.option("-o", "--output", type=PATH, required=True, help="The folder for the results.")
 dialects = click.option(
     "--nc",
     multiple=True,
     help="Dialect of the NC programs: iso (default), siemens, heidenhain, linuxcnc …; may be repeated.",
 )
-as_json = click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
-quiet = click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors and the result.")
+as_json = flag("--json", "as_json", help="Print the result as JSON.")
+quiet = flag("-q", "--quiet", help="Print nothing but errors and the result.")
+scheduler = click.option("--scheduler", help="A Dask scheduler instead, as tcp://host:8786.")
 
 
 def cut(verb: Callable[..., None]) -> Callable[..., None]:
     """The options that thin and cut recordings: `how`, `step_deg`, `step`."""
     for option in (
         click.option("--every", "step", type=Whole(1, MOST), default=1, help="Keep every n-th row."),
-        click.option(
-            "--step-deg", type=POSITIVE, help="With --split turns: rows of a rotary axis every so many degrees."
-        ),
+        positive("--step-deg", help="With --split turns: rows of a rotary axis every so many degrees."),
         click.option("--split", "how", help="turns, cycles, or moves (between rests): cut each recording into runs."),
     ):
         verb = option(verb)
@@ -140,9 +141,6 @@ def gathered(into: str, *names: str) -> Callable[[Callable[..., None]], Callable
         return run
 
     return decorated
-
-
-scheduler = click.option("--scheduler", help="A Dask scheduler instead, as tcp://host:8786.")
 
 
 class Progress:

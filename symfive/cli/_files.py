@@ -8,22 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from symfive.cli._common import (
-    PATH,
-    POSITIVE,
-    Number,
-    app,
-    campaign_path,
-    cut,
-    noted,
-    output_path,
-    overwrite,
-    point_of,
-    quiet,
-    read,
-    refuse_namesakes,
-    written,
-)
+from symfive.cli import _common as cli
 from symfive.errors import InputError, inside
 from symfive.outputs import output_file, output_folder
 
@@ -35,13 +20,13 @@ if TYPE_CHECKING:
     from symfive.machine import Machine
 
 
-@app.command(epilog="Example: symfive codegen results/model.json -o code/ --target linuxcnc")
+@cli.app.command(epilog="Example: symfive codegen results/model.json -o code/ --target linuxcnc")
 @click.argument("model", help="A fitted model.json, a machine file, or the name of a preset.")
-@output_path
+@cli.output_path
 @click.option("--target", default="c", help="c, linuxcnc, setp, isg, or a sheet: siemens, fanuc, heidenhain, haas.")
 @click.option("--prefix", default="sf", help="Prefix of every C name and file.")
-@overwrite
-@quiet
+@cli.overwrite
+@cli.quiet
 def codegen(model: str, output: Path, target: str, prefix: str, overwrite: bool, quiet: bool) -> None:
     """Generate code for controllers. C99 sources with exact Jacobians, LinuxCNC kinematics, compensation tables, sheets."""
     from symfive.codegen import codegen as generate
@@ -51,30 +36,30 @@ def codegen(model: str, output: Path, target: str, prefix: str, overwrite: bool,
         click.echo("\n".join(str(path) for path in written))
 
 
-@app.command(
+@cli.app.command(
     name="import-polar",
     epilog="Example: symfive import-polar three-axis ccw.csv cw.csv -o measured/ --radius 100 --feed 1000",
 )
 @click.argument("machine", help="The plan's folder, a machine file, or the name of a preset.")
-@click.argument("files", type=PATH, nargs=-1, required=True, help="Angle and deviation, one file per direction.")
-@output_path
-@click.option("--radius", type=POSITIVE, help="Radius of the circle: the bar's length, mm.")
-@click.option("--feed", type=POSITIVE, help="Feed along the circle, mm/min.")
+@click.argument("files", type=cli.PATH, nargs=-1, required=True, help="Angle and deviation, one file per direction.")
+@cli.output_path
+@cli.positive("--radius", help="Radius of the circle: the bar's length, mm.")
+@cli.positive("--feed", help="Feed along the circle, mm/min.")
 @click.option("--columns", default="angle,deviation", help="The file's columns in order, - for what is not needed.")
 @click.option("--direction", multiple=True, help="ccw or cw, one per file, where the angles do not follow the motion.")
 @click.option("--centre", help="The table ball in the workpiece frame, mm; 0,0,0 without it.")
 @click.option("--plane", help="XY, YZ or ZX; XY without it.")
 @click.option("--unit", default="um", help="Unit of the deviation: um or mm.")
-@click.option("--noise-um", type=POSITIVE, help="1σ of one reading, from the instrument's data sheet; 0.3 without it.")
-@click.option("--fitted", is_flag=True, help="The software removed each circle's mean radius and centre.")
+@cli.positive("--noise-um", help="1σ of one reading, from the instrument's data sheet; 0.3 without it.")
+@cli.flag("--fitted", help="The software removed each circle's mean radius and centre.")
 @click.option(
     "--angle-error",
-    type=Number(0.0),
+    type=cli.Number(0.0),
     default=0.5,
     help="Uncertainty of the angle in degrees: readings closer to a reversal are excluded.",
 )
-@overwrite
-@quiet
+@cli.overwrite
+@cli.quiet
 def import_polar(
     machine: str, files: tuple[Path, ...], output: Path, radius: float | None, feed: float | None, columns: str,
     direction: tuple[str, ...], centre: str | None, plane: str | None, unit: str, noise_um: float | None,
@@ -93,7 +78,7 @@ def import_polar(
     with output_folder(output, overwrite=overwrite, recorded=True) as folder:
         given = {
             "radius": radius, "feed": feed, "plane": plane, "noise_um": noise_um,
-            "centre": None if centre is None else point_of("--centre", centre), "setup_sigma_um": FITTED if fitted else None,
+            "centre": None if centre is None else cli.point_of("--centre", centre), "setup_sigma_um": FITTED if fitted else None,
         }  # fmt: skip
         given = {name: value for name, value in given.items() if value is not None}
         data, circles = _circles(machine, files)
@@ -117,10 +102,10 @@ def import_polar(
                 runs.append(polar_run(data, angle, deviation, angle_error=angle_error, **circle))
         campaign = campaign_of(data, runs, output.name)
         write_campaign_files(campaign, folder)
-    noted(polar_doubts(data, runs, angles, radius=circle["radius"], feed=circle["feed"]), quiet)
+    cli.noted(polar_doubts(data, runs, angles, radius=circle["radius"], feed=circle["feed"]), quiet)
     near = sum(map(len, angles)) - campaign.rows
     left_out = f"; {near} readings within {angle_error:g}° of a reversal excluded (--angle-error)" if near else ""
-    written(campaign, output, quiet, left_out)
+    cli.written(campaign, output, quiet, left_out)
 
 
 def _circles(machine: str, files: Sequence[Path]) -> tuple[Machine, list[dict[str, Any]]]:
@@ -130,7 +115,7 @@ def _circles(machine: str, files: Sequence[Path]) -> tuple[Machine, list[dict[st
     from symfive.importers import as_planned
 
     if not (Path(machine) / "campaign.toml").is_file():
-        refuse_namesakes(files)
+        cli.refuse_namesakes(files)
         return machine_given(machine), [{"id": path.stem} for path in files]
     plan = read_campaign(machine)
     ids = [run.id for run in plan.runs]
@@ -154,19 +139,19 @@ def _not_in_the_file(path: Path, circle: Mapping[str, Any]) -> InputError:
     return InputError(problem, path=path, remedy=f"add {' and '.join(missing.values())} ({turn})")
 
 
-@app.command(
+@cli.app.command(
     name="import-rests",
     epilog="Example: symfive import-rests plan/ nest-1.txt nest-2.txt -o measured/ --columns t,dx_um,dy_um,dz_um",
 )
-@campaign_path
-@click.argument("files", type=PATH, nargs=-1, required=True, help="Recordings of whole runs, one file per run.")
-@output_path
+@cli.campaign_path
+@click.argument("files", type=cli.PATH, nargs=-1, required=True, help="Recordings of whole runs, one file per run.")
+@cli.output_path
 @click.option("--run", "names", multiple=True, help="The run of each file, in their order (default: the plan's order).")
 @click.option("--columns", default="t,dx_um,dy_um,dz_um", help="The file's columns in order, - for what is not needed.")
 @click.option("--unit", help="Unit of the readings: um or mm (default: from the header of the file, else um).")
-@click.option("--dwell", type=POSITIVE, default=2.0, help="Rest at each pose in s, as in the program.")
-@overwrite
-@quiet
+@cli.positive("--dwell", default=2.0, help="Rest at each pose in s, as in the program.")
+@cli.overwrite
+@cli.quiet
 def import_rests(
     campaign: Path, files: tuple[Path, ...], output: Path, names: tuple[str, ...], columns: str, unit: str | None,
     dwell: float, overwrite: bool, quiet: bool,
@@ -181,13 +166,13 @@ def import_rests(
     _import_runs(campaign, files, names, measured, output, overwrite, quiet)
 
 
-@app.command(name="import-touches", epilog="Example: symfive import-touches plan/ sphere-1.txt -o measured/")
-@campaign_path
-@click.argument("files", type=PATH, nargs=-1, required=True, help="Logs of the probing programs, one file per run.")
-@output_path
+@cli.app.command(name="import-touches", epilog="Example: symfive import-touches plan/ sphere-1.txt -o measured/")
+@cli.campaign_path
+@click.argument("files", type=cli.PATH, nargs=-1, required=True, help="Logs of the probing programs, one file per run.")
+@cli.output_path
 @click.option("--run", "names", multiple=True, help="The run of each file, in their order (default: the plan's order).")
-@overwrite
-@quiet
+@cli.overwrite
+@cli.quiet
 def import_touches(
     campaign: Path, files: tuple[Path, ...], output: Path, names: tuple[str, ...], overwrite: bool, quiet: bool
 ) -> None:
@@ -207,15 +192,15 @@ def _import_runs(
     from symfive.campaign import write_campaign_files
 
     with output_folder(output, overwrite=overwrite, recorded=True) as folder:
-        plan = read(campaign, quiet)
+        plan = cli.read(campaign, quiet)
         found = []
         for path, run in _of_the_plan(plan, campaign, files, names):
             with inside(path=path):
                 found.append(measured(plan.machine, run, path))
         whole = replace(plan, runs=tuple(run for each in found for run in each.runs))
         write_campaign_files(whole, folder)
-    noted(found, quiet)
-    written(whole, output, quiet)
+    cli.noted(found, quiet)
+    cli.written(whole, output, quiet)
 
 
 def _of_the_plan(plan: Campaign, path: Path, files: Sequence[Path], names: Sequence[str]) -> list[tuple[Path, Run]]:
@@ -231,19 +216,12 @@ def _of_the_plan(plan: Campaign, path: Path, files: Sequence[Path], names: Seque
     return [(file, runs[name]) for file, name in zip(files, wanted, strict=True)]
 
 
-@app.command(name="import-mtconnect", epilog="Example: symfive import-mtconnect probe.xml -o machine.toml")
-@click.argument("probe", type=PATH, help="The answer of the agent to …/probe, as a file.")
-@click.option("-o", "--output", type=PATH, required=True, help="The machine file.")
-@click.option(
-    "--device", default="", show_default=False, help="Name, uuid or id of the device, where there are several."
-)
-@click.option(
-    "--code",
-    default="",
-    show_default=False,
-    help="The structural code, as \"w C' B' X' Y' b Z t\", where the document has none.",
-)
-@quiet
+@cli.app.command(name="import-mtconnect", epilog="Example: symfive import-mtconnect probe.xml -o machine.toml")
+@click.argument("probe", type=cli.PATH, help="The answer of the agent to …/probe, as a file.")
+@click.option("-o", "--output", type=cli.PATH, required=True, help="The machine file.")
+@cli.text("--device", help="Name, uuid or id of the device, where there are several.")
+@cli.text("--code", help="The structural code, as \"w C' B' X' Y' b Z t\", where the document has none.")
+@cli.quiet
 def import_mtconnect(probe: Path, output: Path, device: str, code: str, quiet: bool) -> None:
     """Begin a machine file from an MTConnect probe. Comments mark missing values."""
     from symfive.importers import read_mtconnect
@@ -253,18 +231,18 @@ def import_mtconnect(probe: Path, output: Path, device: str, code: str, quiet: b
     with output_file(output) as path:
         machine = read_mtconnect(probe, device=device, code=code)
         write_machine(machine, path)
-    noted((comment for comment in machine.comments if comment.startswith(TO_DO)), quiet)
+    cli.noted((comment for comment in machine.comments if comment.startswith(TO_DO)), quiet)
     if not quiet:
         click.echo(f"{machine.structure.code} in {output}", err=True)
 
 
-@app.command(epilog="Example: symfive convert emps -o emps/ && symfive identify emps/ -o results/")
+@cli.app.command(epilog="Example: symfive convert emps -o emps/ && symfive identify emps/ -o results/")
 @click.argument("name", help="A real recording: emps, ess-xyz, irb120-tracker, …")
-@output_path
-@click.option("--data", type=PATH, help="Folder of the recordings (default: $SYMFIVE_DATA).")
-@cut
-@overwrite
-@quiet
+@cli.output_path
+@click.option("--data", type=cli.PATH, help="Folder of the recordings (default: $SYMFIVE_DATA).")
+@cli.cut
+@cli.overwrite
+@cli.quiet
 def convert(
     name: str, output: Path, data: Path | None, how: str | None, step_deg: float | None, step: int, overwrite: bool,
     quiet: bool,
@@ -277,4 +255,4 @@ def convert(
     with output_folder(output, overwrite=overwrite, recorded=True) as folder:
         campaign = prepared(convert_recording(name, data), step=step, how=how, step_deg=step_deg)
         write_campaign_files(campaign, folder)
-    written(campaign, output, quiet)
+    cli.written(campaign, output, quiet)

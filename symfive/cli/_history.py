@@ -7,19 +7,19 @@ from pathlib import Path
 
 import click
 
-from symfive.cli._common import PATH, Number, Progress, Whole, app, as_json, noted, numbers_of, overwrite, quiet, tell
+from symfive.cli import _common as cli
 from symfive.outputs import output_file, output_folder, write_bytes, write_text
 
 where = click.option(
-    "--history", "index", type=PATH, default="history", envvar="SYMFIVE_HISTORY", help="The folder of the index."
+    "--history", "index", type=cli.PATH, default="history", envvar="SYMFIVE_HISTORY", help="The folder of the index."
 )
 rate = click.option(
-    "--false-alarms", type=Number(1e-6, 100.0), default=0.1, help="Permitted false alarms per machine and year."
+    "--false-alarms", type=cli.Number(1e-6, 100.0), default=0.1, help="Permitted false alarms per machine and year."
 )
 
 
-@app.group(
-    name="history", cls=type(app), no_args_is_help=True,
+@cli.app.group(
+    name="history", cls=type(cli.app), no_args_is_help=True,
     epilog='Example: symfive history add results/ --date 2026-03-04 && symfive history show "tilting table BC"',
 )  # fmt: skip
 def history() -> None:
@@ -27,23 +27,23 @@ def history() -> None:
 
 
 @history.command(epilog="Example: symfive history add results/ --date 2026-03-04 --temperature 21.5 --serial A17")
-@click.argument("results", type=PATH, nargs=-1, required=True, help="Result folders, or folders that contain some.")
+@click.argument("results", type=cli.PATH, nargs=-1, required=True, help="Result folders, or folders that contain some.")
 @where
 @click.option("--date", help="When it was measured, as 2026-03-04 or 2026-03-04T08:30 (UTC); else the files' time.")
-@click.option("--serial", default="", show_default=False, help="Serial number: two machines may have the same name.")
+@cli.text("--serial", help="Serial number: two machines may have the same name.")
 @click.option("--as-found", "stage", flag_value="as-found", help="Before an adjustment.")
 @click.option("--as-left", "stage", flag_value="as-left", help="After it: the levels of the errors are reset.")
-@click.option("--instrument", default="", show_default=False, help="The instrument.")
-@click.option("--operator", default="", show_default=False, help="Who measured.")
-@click.option("--temperature", type=Number(-60.0, 100.0), help="The machine's temperature, °C.")
-@click.option("--note", default="", show_default=False, help="A note.")
+@cli.text("--instrument", help="The instrument.")
+@cli.text("--operator", help="Who measured.")
+@click.option("--temperature", type=cli.Number(-60.0, 100.0), help="The machine's temperature, °C.")
+@cli.text("--note", help="A note.")
 @click.option(
     "--corrected",
     "corrections",
     multiple=True,
     help="NAME=VALUE (µm, µrad): correction that was active in the control.",
 )
-@quiet
+@cli.quiet
 def add(
     results: tuple[Path, ...], index: Path, date: str | None, serial: str, stage: str | None, instrument: str, operator: str,
     temperature: float | None, note: str, corrections: tuple[str, ...], quiet: bool,
@@ -53,11 +53,11 @@ def add(
 
     details = Details(
         time=None if date is None else instant(date), serial=serial, stage=stage or "", instrument=instrument,
-        operator=operator, temperature=temperature, note=note, corrections=numbers_of("--corrected", corrections, "EX0C=10"),
+        operator=operator, temperature=temperature, note=note, corrections=cli.numbers_of("--corrected", corrections, "EX0C=10"),
     )  # fmt: skip
     with History(index, create=True) as opened:
-        added = opened.add(results, details, progress=Progress(quiet))
-    noted((f"{sentence}." for sentence in added.notes), quiet)
+        added = opened.add(results, details, progress=cli.Progress(quiet))
+    cli.noted((f"{sentence}." for sentence in added.notes), quiet)
     if not quiet:
         click.echo(str(added))
 
@@ -73,7 +73,7 @@ def add(
     help="A repair or an adjustment resets the levels of the errors.",
 )  # fmt: skip
 @click.option("--date", help="When; else now.")
-@quiet
+@cli.quiet
 def event(machine: str, text: str, index: Path, kind: str, date: str | None, quiet: bool) -> None:
     """Record an event of a machine."""
     from symfive.history import History, instant
@@ -93,9 +93,9 @@ def event(machine: str, text: str, index: Path, kind: str, date: str | None, qui
     "--tolerance", "tolerances", multiple=True, help="NAME=VALUE (µm, µrad): forecast when the error exceeds ±VALUE."
 )
 @rate
-@click.option("-o", "--output", type=PATH, help="A folder for the machine's page, history.html.")
-@overwrite
-@as_json
+@click.option("-o", "--output", type=cli.PATH, help="A folder for the machine's page, history.html.")
+@cli.overwrite
+@cli.as_json
 def show(
     machine: str, index: Path, since: str | None, until: str | None, tolerances: tuple[str, ...], false_alarms: float,
     output: Path | None, overwrite: bool, as_json: bool,
@@ -103,7 +103,7 @@ def show(
     """A machine over the years: alarms with their causes, errors and rates, forecast, when to measure again."""
     from symfive.history import History, instant, trend_text
 
-    limits = numbers_of("--tolerance", tolerances, "EX0C=10")
+    limits = cli.numbers_of("--tolerance", tolerances, "EX0C=10")
     with History(index) as opened:
         trend = opened.trend(machine, tolerances=limits, rate=false_alarms)
         text, data = trend_text(trend), trend.to_data()
@@ -113,14 +113,14 @@ def show(
         if output is not None:
             with output_folder(output, overwrite=overwrite) as folder:
                 write_text(folder / "history.html", opened.machine_page(machine, tolerances=limits, rate=false_alarms))
-    tell(data, text, as_json)
+    cli.tell(data, text, as_json)
 
 
 @history.command(epilog="Example: symfive history fleet -o pages/")
 @where
-@click.option("-o", "--output", type=PATH, help="A folder for fleet.html and a page of every machine.")
-@overwrite
-@as_json
+@click.option("-o", "--output", type=cli.PATH, help="A folder for fleet.html and a page of every machine.")
+@cli.overwrite
+@cli.as_json
 def fleet(index: Path, output: Path | None, overwrite: bool, as_json: bool) -> None:
     """All machines: open alarms, their dates and causes."""
     from symfive.history import History
@@ -130,18 +130,18 @@ def fleet(index: Path, output: Path | None, overwrite: bool, as_json: bool) -> N
         if output is not None:
             with output_folder(output, overwrite=overwrite) as folder:
                 opened.write_pages(folder)
-    tell(table.to_data(), str(table), as_json)
+    cli.tell(table.to_data(), str(table), as_json)
 
 
 @history.command(epilog="Example: symfive history rebuild results/")
-@click.argument("folders", type=PATH, nargs=-1, required=True, help="Folders that contain results.")
+@click.argument("folders", type=cli.PATH, nargs=-1, required=True, help="Folders that contain results.")
 @where
-@quiet
+@cli.quiet
 def rebuild(folders: tuple[Path, ...], index: Path, quiet: bool) -> None:
     """Rebuild the index from the records in the results; all or nothing."""
     from symfive.history import rebuilt
 
-    found = rebuilt(index, folders, progress=Progress(quiet))
+    found = rebuilt(index, folders, progress=cli.Progress(quiet))
     for sentence in found.problems:
         click.echo(f"symfive: {sentence}", err=True)
     if not quiet:
@@ -152,8 +152,10 @@ def rebuild(folders: tuple[Path, ...], index: Path, quiet: bool) -> None:
 
 @history.command(epilog="Example: symfive history export -o history.parquet")
 @where
-@click.option("-o", "--output", type=PATH, required=True, help="The table: .csv, or .parquet with symfive[history].")
-@quiet
+@click.option(
+    "-o", "--output", type=cli.PATH, required=True, help="The table: .csv, or .parquet with symfive[history]."
+)
+@cli.quiet
 def export(index: Path, output: Path, quiet: bool) -> None:
     """Every visit and error as one long table, for DuckDB, pandas or a spreadsheet."""
     from symfive.history import History
@@ -165,19 +167,19 @@ def export(index: Path, output: Path, quiet: bool) -> None:
 
 
 @history.command(epilog='Example: symfive history certificate results/ -o dcc.xml --laboratory "Lab" --country DE')
-@click.argument("results", type=PATH, help="The folder of results.")
-@click.option("-o", "--output", type=PATH, required=True, help="The XML file.")
+@click.argument("results", type=cli.PATH, help="The folder of results.")
+@click.option("-o", "--output", type=cli.PATH, required=True, help="The XML file.")
 @click.option("--date", help="When it was measured; else as in the history, or the files' time.")
-@click.option("--laboratory", default="", show_default=False, help="Who certifies.")
-@click.option("--laboratory-city", default="", show_default=False, help="Its city.")
-@click.option("--person", default="", show_default=False, help="Who is responsible and will sign.")
-@click.option("--customer", default="", show_default=False, help="For whom.")
-@click.option("--customer-city", default="", show_default=False, help="Its city.")
-@click.option("--country", default="", show_default=False, help="Two letters, ISO 3166-1.")
-@click.option("--number", default="", show_default=False, help="The certificate's number; else from the results' hash.")
-@click.option("--manufacturer", default="", show_default=False, help="Of the machine.")
+@cli.text("--laboratory", help="Who certifies.")
+@cli.text("--laboratory-city", help="Its city.")
+@cli.text("--person", help="Who is responsible and will sign.")
+@cli.text("--customer", help="For whom.")
+@cli.text("--customer-city", help="Its city.")
+@cli.text("--country", help="Two letters, ISO 3166-1.")
+@cli.text("--number", help="The certificate's number; else from the results' hash.")
+@cli.text("--manufacturer", help="Of the machine.")
 @click.option("--place", default="customer", help="laboratory, customer, laboratoryBranch, customerBranch or other.")
-@quiet
+@cli.quiet
 def certificate(
     results: Path, output: Path, date: str | None, laboratory: str, laboratory_city: str, person: str, customer: str,
     customer_city: str, country: str, number: str, manufacturer: str, place: str, quiet: bool,
@@ -195,12 +197,12 @@ def certificate(
         write_bytes(path, certificate_of(visit, office))
     options = ", ".join(f"--{name.replace('_', '-')}" for name in office.open)
     missing = f"; to be filled in: {options}" if options else ""
-    noted([f"the certificate is unsigned{missing}."], quiet)
+    cli.noted([f"the certificate is unsigned{missing}."], quiet)
 
 
 @history.command(epilog="Example: symfive history serve")
 @where
-@click.option("--port", type=Whole(0, 65535), default=0, help="Port on 127.0.0.1; 0 chooses a free one.")
+@click.option("--port", type=cli.Whole(0, 65535), default=0, help="Port on 127.0.0.1; 0 chooses a free one.")
 def serve(index: Path, port: int) -> None:
     """Serve the pages on this computer, at the printed address; Ctrl-C ends it."""
     from symfive.history import Server

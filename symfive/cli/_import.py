@@ -9,21 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from symfive.cli._common import (
-    PATH,
-    POSITIVE,
-    Number,
-    app,
-    cut,
-    noted,
-    numbers_of,
-    output_path,
-    overwrite,
-    point_of,
-    quiet,
-    refuse_namesakes,
-    written,
-)
+from symfive.cli import _common as cli
 from symfive.errors import InputError, inside
 from symfive.outputs import output_folder
 
@@ -33,41 +19,38 @@ if TYPE_CHECKING:
     from symfive.machine import Machine
 
 
-@app.command(
+@cli.app.command(
     name="import",
     epilog="Example: symfive import three-axis x-laser.csv -o measured/ --map target=1:mm --map up=2-6:um --map down=7-11:um",
 )
 @click.argument("machine", help="A machine file, or the name of a preset.")
-@click.argument("files", type=PATH, nargs=-1, required=True, help="Exported tables of an instrument, one per run.")
-@output_path
+@click.argument("files", type=cli.PATH, nargs=-1, required=True, help="Exported tables of an instrument, one per run.")
+@cli.output_path
 @click.option(
     "--map", "entries", multiple=True,
     help="NAME=COLUMN:UNIT: a column by number, range (2-6) or name is time, angle, deviation, radius, target, measured, up, "
     "down, an axis, X_found, or a reading (dL, dx, X_dev, X_act, …).",
 )  # fmt: skip
-@click.option("--yes", is_flag=True, help="Accept the columns guessed from the header without asking.")
+@cli.flag("--yes", help="Accept the columns guessed from the header without asking.")
 @click.option("--axis", default="X", help="Axis of a positioning test.")
 @click.option("--centre", default="0,0,0", help="The table ball or sphere in the workpiece frame, mm.")
 @click.option(
     "--tool-ball", help="The tool ball or the probe's tip in the tool frame, mm (default: the machine file's)."
 )
-@click.option("--radius", type=POSITIVE, help="Radius of the circle, length of the bar, mm.")
-@click.option("--feed", type=POSITIVE, help="Feed along the circle, mm/min.")
+@cli.positive("--radius", help="Radius of the circle, length of the bar, mm.")
+@cli.positive("--feed", help="Feed along the circle, mm/min.")
 @click.option("--plane", default="XY", help="XY, YZ or ZX.")
 @click.option("--direction", multiple=True, help="ccw or cw, one per file, where the angles do not follow the motion.")
 @click.option("--hold", multiple=True, help="AXIS=POSITION of an axis without a column; may be repeated.")
-@click.option(
-    "--noise-um",
-    type=POSITIVE,
-    default=0.3,
-    help="1σ of one reading in µm or µrad (of a force N or Nm), from the data sheet.",
+@cli.positive(
+    "--noise-um", default=0.3, help="1σ of one reading in µm or µrad (of a force N or Nm), from the data sheet."
 )
-@click.option("--static", is_flag=True, help="The axes are at rest at each row of a recording with a time.")
-@click.option("--fitted", is_flag=True, help="The software removed each circle's mean radius and centre.")
-@click.option("--angle-error", type=Number(0.0), default=0.5, help="Uncertainty of the angle in degrees.")
-@cut
-@overwrite
-@quiet
+@cli.flag("--static", help="The axes are at rest at each row of a recording with a time.")
+@cli.flag("--fitted", help="The software removed each circle's mean radius and centre.")
+@click.option("--angle-error", type=cli.Number(0.0), default=0.5, help="Uncertainty of the angle in degrees.")
+@cli.cut
+@cli.overwrite
+@cli.quiet
 def import_table(
     machine: str, files: tuple[Path, ...], output: Path, entries: tuple[str, ...], yes: bool, axis: str, centre: str,
     tool_ball: str | None, radius: float | None, feed: float | None, plane: str, direction: tuple[str, ...],
@@ -88,13 +71,14 @@ def import_table(
     if direction and (len(direction) != len(files) or not set(direction) <= set(DIRECTIONS)):
         problem = f"{len(files)} files have the directions {', '.join(direction)}"
         raise InputError(problem, remedy="give --direction ccw or cw once per file, in their order")
-    refuse_namesakes(files)
+    cli.refuse_namesakes(files)
     with output_folder(output, overwrite=overwrite, recorded=True) as folder:
         data = machine_given(machine)
         setting = Setting(
-            centre=point_of("--centre", centre), tool_ball=None if tool_ball is None else point_of("--tool-ball", tool_ball),
-            radius=radius, feed=feed, plane=plane, axis=axis, hold=numbers_of("--hold", hold, "Z=150"), noise_um=noise_um,
-            static=static, fitted=fitted, angle_error=angle_error,
+            centre=cli.point_of("--centre", centre),
+            tool_ball=None if tool_ball is None else cli.point_of("--tool-ball", tool_ball), radius=radius, feed=feed,
+            plane=plane, axis=axis, hold=cli.numbers_of("--hold", hold, "Z=150"), noise_um=noise_um, static=static,
+            fitted=fitted, angle_error=angle_error,
         )  # fmt: skip
         runs: list[Run] = []
         for number, path in enumerate(files):
@@ -106,8 +90,8 @@ def import_table(
                 runs += runs_of(data, taken(table, found, data, axis), own, path.stem)
         campaign = prepared(campaign_of(data, runs, output.name), step=step, how=how, step_deg=step_deg)
         write_campaign_files(campaign, folder)
-    noted(_doubts(data, runs, radius, feed), quiet)
-    written(campaign, output, quiet)
+    cli.noted(_doubts(data, runs, radius, feed), quiet)
+    cli.written(campaign, output, quiet)
 
 
 def _doubts(machine: Machine, runs: Sequence[Run], radius: float | None, feed: float | None) -> tuple[str, ...]:

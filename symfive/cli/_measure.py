@@ -7,19 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from symfive.cli._common import (
-    PATH,
-    SEED,
-    app,
-    as_json,
-    campaign_path,
-    output_path,
-    overwrite,
-    quiet,
-    read,
-    tell,
-    written,
-)
+from symfive.cli import _common as cli
 from symfive.errors import InputError
 from symfive.files import shown
 from symfive.outputs import output_folder, write_json
@@ -28,18 +16,18 @@ if TYPE_CHECKING:
     from symfive.effects import Effect
 
 
-@app.command(epilog="Example: symfive assess designs/plans/r-test-grid")
-@campaign_path
-@click.option("--given", type=PATH, help="A campaign that was measured before on this machine.")
-@as_json
-@quiet
+@cli.app.command(epilog="Example: symfive assess designs/plans/r-test-grid")
+@cli.campaign_path
+@click.option("--given", type=cli.PATH, help="A campaign that was measured before on this machine.")
+@cli.as_json
+@cli.quiet
 def assess(campaign: Path, given: Path | None, as_json: bool, quiet: bool) -> None:
     """Assess a plan or campaign. Expected 1σ of each error, and errors that it cannot separate."""
     from symfive.design import assess as assess_campaign
 
-    earlier = None if given is None else read(given, quiet)
-    result = assess_campaign(read(campaign, quiet), given=earlier)
-    tell(result.to_data(), str(result), as_json)
+    earlier = None if given is None else cli.read(given, quiet)
+    result = assess_campaign(cli.read(campaign, quiet), given=earlier)
+    cli.tell(result.to_data(), str(result), as_json)
 
 
 def truth_of(path: Path | None) -> tuple[dict[str, float], tuple[Effect, ...]]:
@@ -62,13 +50,13 @@ def truth_of(path: Path | None) -> tuple[dict[str, float], tuple[Effect, ...]]:
     return values, effects_from_data(data.get("effects", []), path)
 
 
-@app.command(epilog="Example: symfive simulate plan/ -o measured/ --seed 7")
-@campaign_path
-@output_path
-@click.option("--truth", type=PATH, help="True parameter values (JSON); the others are drawn.")
-@click.option("--seed", type=SEED, default=0, help="Seed of machine and noise.")
-@overwrite
-@quiet
+@cli.app.command(epilog="Example: symfive simulate plan/ -o measured/ --seed 7")
+@cli.campaign_path
+@cli.output_path
+@click.option("--truth", type=cli.PATH, help="True parameter values (JSON); the others are drawn.")
+@click.option("--seed", type=cli.SEED, default=0, help="Seed of machine and noise.")
+@cli.overwrite
+@cli.quiet
 def simulate(campaign: Path, output: Path, truth: Path | None, seed: int, overwrite: bool, quiet: bool) -> None:
     """Simulate the readings of a plan. The campaign with readings, and truth.json."""
     from symfive.campaign import write_campaign_files
@@ -76,7 +64,7 @@ def simulate(campaign: Path, output: Path, truth: Path | None, seed: int, overwr
 
     with output_folder(output, overwrite=overwrite) as folder:
         values, effects = truth_of(truth)
-        result = simulate_plan(read(campaign, quiet), truth=values, effects=effects, seed=seed)
+        result = simulate_plan(cli.read(campaign, quiet), truth=values, effects=effects, seed=seed)
         write_campaign_files(result.campaign, folder)
         write_json(folder / "truth.json", result.to_data())
-    written(result.campaign, output, quiet)
+    cli.written(result.campaign, output, quiet)

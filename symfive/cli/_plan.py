@@ -9,212 +9,138 @@ from typing import Any
 
 import click
 
-from symfive.cli._common import (
-    COUNT,
-    PATH,
-    POSITIVE,
-    SEED,
-    Number,
-    Progress,
-    Whole,
-    app,
-    as_json,
-    dialects,
-    dialects_of,
-    gathered,
-    noted,
-    output_path,
-    overwrite,
-    quiet,
-    read,
-    scheduler,
-    tell,
-)
-from symfive.cli._plan_words import (
-    CIRCULAR_TEST,
-    NO_SHIFT,
-    bars_of,
-    effects_of,
-    names_in,
-    one_bar,
-    part_of,
-    refuse_unused,
-    rotary_of,
-    setup_sigma_of,
-    until_of,
-)
+from symfive.cli import _common as cli
+from symfive.cli import _plan_words as words
 from symfive.errors import InputError
 from symfive.outputs import output_folder
 from symfive.separated import SMALLEST
 
 
-@app.command(epilog="Example: symfive plan table-bc -o plan/ --instrument r_test --points 40 --nc linuxcnc")
+@cli.app.command(epilog="Example: symfive plan table-bc -o plan/ --instrument r_test --points 40 --nc linuxcnc")
 @click.argument("machine", help="A machine file, or the name of a preset.")
-@output_path
+@cli.output_path
 @click.option(
     "--instrument", default="r_test", help="r_test, touch_probe or ball_bar; several share --minutes: r_test,ball_bar."
 )
 @click.option("--criterion", help="D (default), A, E, G (with --part the default) or V.")
-@click.option("--points", type=COUNT, help="Number of poses (default: 40, with --minutes as many as fit).")
-@click.option(
-    "--for", "wanted", default="", show_default=False, help="Errors to determine, as EX0C,EY0C,EXC (default: all)."
-)
+@click.option("--points", type=cli.COUNT, help="Number of poses (default: 40, with --minutes as many as fit).")
+@cli.text("--for", "wanted", help="Errors to determine, as EX0C,EY0C,EXC (default: all).")
 @click.option(
     "--part",
-    type=PATH,
+    type=cli.PATH,
     help="A tool path, an NC program (ISO, LinuxCNC) or a CSV of poses: least expected error of the tool along it.",
 )
+@cli.positive("--part-tool", help="With --part: mm from spindle nose to tip (default: middle of tool_length).")
 @click.option(
-    "--part-tool", type=POSITIVE, help="With --part: mm from spindle nose to tip (default: middle of tool_length)."
+    "--part-zero", default=words.NO_SHIFT, help="With --part: the program's zero in the workpiece frame, X,Y,Z in mm."
 )
-@click.option(
-    "--part-zero", default=NO_SHIFT, help="With --part: the program's zero in the workpiece frame, X,Y,Z in mm."
-)
-@click.option(
+@cli.flag(
     "--part-tool-centre",
-    is_flag=True,
     help="With --part: X, Y and Z are the position of the tip in the workpiece even without G43.4.",
 )
-@click.option(
-    "--part-datum",
-    is_flag=True,
-    help="With --part: its zero is probed on the machine, rotary axes at 0; the error there cancels.",
+@cli.flag(
+    "--part-datum", help="With --part: its zero is probed on the machine, rotary axes at 0; the error there cancels."
 )
-@dialects
-@click.option("--given", type=PATH, help="A campaign already measured; the plan complements it.")
+@cli.dialects
+@click.option("--given", type=cli.PATH, help="A campaign already measured; the plan complements it.")
 @click.option(
     "--until",
     multiple=True,
     help="Fewest poses (at most --points) until NAME=1σ is expected, as EX0C=2um; may be repeated.",
 )
-@click.option("--minutes", type=POSITIVE, help="Time budget in minutes, set-up included.")
-@click.option("--per-minute", is_flag=True, help="The poses with most information per minute.")
-@click.option("--setups", type=COUNT, help="Most positions of nest or balls; of all instruments together.")
-@click.option("--bar", "bars", type=POSITIVE, multiple=True, help="Length in mm of a bar you own; may be repeated.")
-@click.option("--repeats", type=COUNT, default=1, help="Readings of each pose.")
-@click.option("--returns", type=COUNT, default=2, help="Visits back to the first pose of a run, against drift.")
-@click.option("--noise-um", type=POSITIVE, default=0.3, help="1σ of one reading, from the instrument's data sheet.")
-@click.option("--tool-ball-sigma", type=POSITIVE, help="1σ of the tool ball across the spindle's axis, µm (usual: 20).")
-@click.option(
-    "--tool-length-sigma", type=POSITIVE, help="1σ of the tool ball along the spindle's axis, µm (usual: as across)."
-)
-@click.option("--table-ball-sigma", type=POSITIVE, help="1σ of the position of table ball or sphere, µm (usual: 20).")
-@click.option(
-    "--zero-sigma",
-    type=POSITIVE,
-    help="1σ of the position of an R-test nest in the workpiece frame, µm (usual: unknown).",
-)
-@click.option("--bar-length-sigma", "length_sigma", type=POSITIVE, help="1σ of the bar's length, µm (usual: 0.5).")
+@cli.positive("--minutes", help="Time budget in minutes, set-up included.")
+@cli.flag("--per-minute", help="The poses with most information per minute.")
+@click.option("--setups", type=cli.COUNT, help="Most positions of nest or balls; of all instruments together.")
+@cli.positive("--bar", "bars", multiple=True, help="Length in mm of a bar you own; may be repeated.")
+@click.option("--repeats", type=cli.COUNT, default=1, help="Readings of each pose.")
+@click.option("--returns", type=cli.COUNT, default=2, help="Visits back to the first pose of a run, against drift.")
+@cli.positive("--noise-um", default=0.3, help="1σ of one reading, from the instrument's data sheet.")
+@cli.positive("--tool-ball-sigma", help="1σ of the tool ball across the spindle's axis, µm (usual: 20).")
+@cli.positive("--tool-length-sigma", help="1σ of the tool ball along the spindle's axis, µm (usual: as across).")
+@cli.positive("--table-ball-sigma", help="1σ of the position of table ball or sphere, µm (usual: 20).")
+@cli.positive("--zero-sigma", help="1σ of the position of an R-test nest in the workpiece frame, µm (usual: unknown).")
+@cli.positive("--bar-length-sigma", "length_sigma", help="1σ of the bar's length, µm (usual: 0.5).")
 @click.option(
     "--index/--no-index",
     default=None,
     help="Read the first pose of a run with the spindle at 0° and 180° (R-test; with --part where it gains information).",
 )
-@click.option("--survive", is_flag=True, help="Optimise for the loss of any one pose.")
+@cli.flag("--survive", help="Optimise for the loss of any one pose.")
 @click.option("--robust", default="nominal", help="nominal, or mean or worst over machines drawn from the priors.")
 @click.option(
     "--circles",
     help="Instead of poses, circles: iso-230-4 (the circular test), or synchronous or planar (chosen for --effect).",
 )
 @click.option("--plane", "planes", multiple=True, help="With --circles: XY (default), YZ or ZX; may be repeated.")
+@cli.positive("--feed", "feeds", multiple=True, help="With --circles: mm/min along the circle; may be repeated.")
 @click.option(
-    "--feed", "feeds", type=POSITIVE, multiple=True, help="With --circles: mm/min along the circle; may be repeated."
+    "--sweep",
+    type=cli.Number(SMALLEST, 360.0),
+    help="With --circles iso-230-4: degree of the arc, 360 or less, as 220.",
 )
-@click.option(
-    "--sweep", type=Number(SMALLEST, 360.0), help="With --circles iso-230-4: degree of the arc, 360 or less, as 220."
-)
-@click.option(
+@cli.flag(
     "--in-motion",
-    is_flag=True,
     help="Instead of poses at rest, sweeps in one recording of --minutes (default 8); R-test or ball bar.",
 )
-@click.option(
-    "--speed",
-    "speeds",
-    type=POSITIVE,
-    multiple=True,
-    help="With --in-motion: °/s to choose from (5, 10, 20); may be repeated.",
+@cli.positive(
+    "--speed", "speeds", multiple=True, help="With --in-motion: °/s to choose from (5, 10, 20); may be repeated."
 )
-@click.option(
+@cli.positive(
     "--slow-noise-um",
     "coloured_um",
-    type=POSITIVE,
     help="With --in-motion or --circles iso-230-4: 1σ of the slow noise (default: as --noise-um).",
 )
-@click.option(
+@cli.positive(
     "--correlation-s",
-    type=POSITIVE,
     help="With --in-motion or --circles iso-230-4: correlation time of the slow noise, s (default 1).",
 )
 @click.option("--effect", "effects", multiple=True, help="What circles are to find, as backlash:C; may be repeated.")
-@click.option("--count", type=COUNT, default=2, help="Number of circles.")
-@click.option(
-    "--tool-centre-on",
-    default="",
-    show_default=False,
-    help="Your control's line that switches tool-centre control on, as TRAORI.",
-)
-@click.option("--tool-centre-off", default="", show_default=False, help="The line that switches it off, as TRAFOOF.")
-@click.option(
-    "--tool-centre",
-    is_flag=True,
-    help="Tool-centre control in the dialect's own words (iso: G43.4 H, siemens: TRAORI).",
-)
+@click.option("--count", type=cli.COUNT, default=2, help="Number of circles.")
+@cli.text("--tool-centre-on", help="Your control's line that switches tool-centre control on, as TRAORI.")
+@cli.text("--tool-centre-off", help="The line that switches it off, as TRAFOOF.")
+@cli.flag("--tool-centre", help="Tool-centre control in the dialect's own words (iso: G43.4 H, siemens: TRAORI).")
 @click.option(
     "--tool",
     "tool_number",
-    type=Whole(1, 9999),
+    type=cli.Whole(1, 9999),
     default=1,
     help="With --tool-centre: the tool whose length is the ball's.",
 )
-@click.option(
-    "--reversed", "reversed_axes", default="", show_default=False, help="Rotary axes that turn against ISO 841, as B,C."
-)
-@click.option("--machine-top", type=Number(), default=0.0, help="Top of the tool axis, mm in machine coordinates.")
-@click.option(
-    "--dwell",
-    "dwell_s",
-    type=POSITIVE,
-    default=2.0,
-    help="Rest at each pose in s, until machine and instrument have settled.",
+@cli.text("--reversed", "reversed_axes", help="Rotary axes that turn against ISO 841, as B,C.")
+@click.option("--machine-top", type=cli.Number(), default=0.0, help="Top of the tool axis, mm in machine coordinates.")
+@cli.positive(
+    "--dwell", "dwell_s", default=2.0, help="Rest at each pose in s, until machine and instrument have settled."
 )
 @click.option(
     "--at-pose", default="dwell", help="After the rest: dwell (nothing), stop (shows the pose's number) or trigger."
 )
-@click.option(
-    "--trigger",
-    default="",
-    show_default=False,
-    help="Your control's line that starts a reading, as M64 P0 (with trigger).",
-)
+@cli.text("--trigger", help="Your control's line that starts a reading, as M64 P0 (with trigger).")
 @click.option(
     "--frame",
     default="workpiece",
     help="Of an R-test's readings: workpiece (nest on the table), machine or tool (head in the spindle).",
 )
-@click.option(
-    "--sphere-radius", type=POSITIVE, help="Of a touch probe's sphere, mm (default: the machine file's, 12.5)."
-)
-@click.option("--tip-radius", type=POSITIVE, help="Of its tip, mm (default: the machine file's, 3).")
-@click.option("--probe-on", default="", show_default=False, help="Your control's line that switches a touch probe on.")
-@click.option("--probe-off", default="", show_default=False, help="The line that switches it off.")
-@click.option("--probe-tool", type=Whole(1, 9999), help="Its number in the tool table; Heidenhain calls it.")
-@click.option("--no-proof", is_flag=True, help="A certificate by search alone, which takes seconds; circles: none.")
-@click.option("--starts", type=COUNT, default=2, help="Starts of the search.")
-@click.option("--seed", type=SEED, default=0, help="Seed of the search.")
+@cli.positive("--sphere-radius", help="Of a touch probe's sphere, mm (default: the machine file's, 12.5).")
+@cli.positive("--tip-radius", help="Of its tip, mm (default: the machine file's, 3).")
+@cli.text("--probe-on", help="Your control's line that switches a touch probe on.")
+@cli.text("--probe-off", help="The line that switches it off.")
+@click.option("--probe-tool", type=cli.Whole(1, 9999), help="Its number in the tool table; Heidenhain calls it.")
+@cli.flag("--no-proof", help="A certificate by search alone, which takes seconds; circles: none.")
+@click.option("--starts", type=cli.COUNT, default=2, help="Starts of the search.")
+@click.option("--seed", type=cli.SEED, default=0, help="Seed of the search.")
 @click.option("--workers", default=0, help="Processes of this computer that share the starts; 0: only this one.")
-@scheduler
-@overwrite
-@as_json
-@quiet
-@gathered(
+@cli.scheduler
+@cli.overwrite
+@cli.as_json
+@cli.quiet
+@cli.gathered(
     "poses", "instrument", "points", "minutes", "setups", "repeats", "returns", "frame", "index", "survive", "starts", "seed",
 )  # fmt: skip
-@gathered("radii", "sphere_radius", "tip_radius")
-@gathered("motion", "in_motion", "speeds", "coloured_um", "correlation_s")
-@gathered("part_options", "part_tool", "part_zero", "part_tool_centre", "part_datum")
-@gathered("sigmas", "tool_ball_sigma", "tool_length_sigma", "table_ball_sigma", "zero_sigma", "length_sigma")
-@gathered(
+@cli.gathered("radii", "sphere_radius", "tip_radius")
+@cli.gathered("motion", "in_motion", "speeds", "coloured_um", "correlation_s")
+@cli.gathered("part_options", "part_tool", "part_zero", "part_tool_centre", "part_datum")
+@cli.gathered("sigmas", "tool_ball_sigma", "tool_length_sigma", "table_ball_sigma", "zero_sigma", "length_sigma")
+@cli.gathered(
     "programs", "tool_centre", "tool_number", "tool_centre_on", "tool_centre_off", "reversed_axes", "machine_top", "dwell_s",
     "at_pose", "trigger", "probe_on", "probe_off", "probe_tool",
 )  # fmt: skip
@@ -233,7 +159,7 @@ def plan(
     from symfive.given import machine_given
     from symfive.nc import Post, can_probe, check_addresses
 
-    dialects = dialects_of(nc)
+    dialects = cli.dialects_of(nc)
     with output_folder(output, overwrite=overwrite) as folder:
         data = machine_given(machine)
         own = {name: mm for name, mm in radii.items() if mm is not None}
@@ -243,52 +169,53 @@ def plan(
         except InputError as error:
             if nc:
                 raise
-            noted([f"no programs: {error}"], quiet)
+            cli.noted([f"no programs: {error}"], quiet)
             dialects = ()
-        post = Post(**{**programs, "reversed_axes": rotary_of(data, programs["reversed_axes"])})
-        instruments = names_in(poses["instrument"])
-        refuse_unused(click.get_current_context(), instruments)
+        post = Post(**{**programs, "reversed_axes": words.rotary_of(data, programs["reversed_axes"])})
+        instruments = words.names_in(poses["instrument"])
+        words.refuse_unused(click.get_current_context(), instruments)
         for dialect in dialects if "touch_probe" in instruments else ():
             can_probe(dialect, post)
-        names = names_in(wanted)
-        wished = until_of(until)
+        names = words.names_in(wanted)
+        wished = words.until_of(until)
         in_motion = motion.pop("in_motion")
-        route = part_of(data, part, **part_options)
+        route = words.part_of(data, part, **part_options)
+        earlier = None if given is None else cli.read(given, quiet)
+        setup_sigma, progress = words.setup_sigma_of(sigmas), cli.Progress(quiet)
         result: Any
         if in_motion:
             result = plan_sweeps(
                 data, instrument=poses["instrument"], minutes=poses["minutes"] or 8.0, criterion=criterion or "D", for_=names,
-                given=None if given is None else read(given, quiet), setups=poses["setups"], lengths=bars, noise_um=noise_um,
-                setup_sigma=setup_sigma_of(sigmas), certify=not no_proof, progress=Progress(quiet),
+                given=earlier, setups=poses["setups"], lengths=bars, noise_um=noise_um, setup_sigma=setup_sigma,
+                certify=not no_proof, progress=progress,
                 **{name: value for name, value in motion.items() if value},
             )  # fmt: skip
-        elif circles == CIRCULAR_TEST:
+        elif circles == words.CIRCULAR_TEST:
             result = circular_test(
-                data, planes=planes or ("XY",), feeds=feeds or (1000.0,), radius=one_bar(bars), sweep_deg=sweep,
+                data, planes=planes or ("XY",), feeds=feeds or (1000.0,), radius=words.one_bar(bars), sweep_deg=sweep,
                 noise_um=noise_um, **{name: motion[name] for name in ("coloured_um", "correlation_s") if motion[name]},
             )  # fmt: skip
         elif circles is not None:
             result = plan_circles(
-                data, effects_of(effects, circles), family=circles, count=count, for_=names, criterion=criterion or "D",
-                robust=robust, per_minute=per_minute, noise_um=noise_um, radii=bars or bars_of(data), planes=planes or ("XY",),
-                feeds=feeds or None, certify=not no_proof,
+                data, words.effects_of(effects, circles), family=circles, count=count, for_=names, criterion=criterion or "D",
+                robust=robust, per_minute=per_minute, noise_um=noise_um, radii=bars or words.bars_of(data),
+                planes=planes or ("XY",), feeds=feeds or None, certify=not no_proof,
             )  # fmt: skip
         elif len(instruments) > 1:
             if poses["minutes"] is None:
                 raise InputError("several instruments need minutes to share", remedy="add --minutes, as --minutes 20")
             with executor(workers, scheduler) as pool:
                 result = plan_together(
-                    data, instruments, minutes=poses["minutes"], criterion=criterion or "A", for_=names,
-                    given=None if given is None else read(given, quiet), noise_um=noise_um, setup_sigma=setup_sigma_of(sigmas),
-                    setups=poses["setups"], returns=poses["returns"], starts=poses["starts"], certify=not no_proof,
-                    seed=poses["seed"], pool=pool, progress=Progress(quiet),
+                    data, instruments, minutes=poses["minutes"], criterion=criterion or "A", for_=names, given=earlier,
+                    noise_um=noise_um, setup_sigma=setup_sigma, setups=poses["setups"], returns=poses["returns"],
+                    starts=poses["starts"], certify=not no_proof, seed=poses["seed"], pool=pool, progress=progress,
                 )  # fmt: skip
         else:
             with executor(workers, scheduler) as pool:
                 result = (partial(plan_until, asked=wished) if wished else make_plan)(
                     data, **poses, criterion=criterion, per_minute=per_minute, lengths=bars, noise_um=noise_um,
-                    setup_sigma=setup_sigma_of(sigmas), robust=robust, prove=not no_proof, for_=names, part=route,
-                    given=None if given is None else read(given, quiet), pool=pool, progress=Progress(quiet),
+                    setup_sigma=setup_sigma, robust=robust, prove=not no_proof, for_=names, part=route, given=earlier,
+                    pool=pool, progress=progress,
                 )  # fmt: skip
         result.write(folder, nc=dialects, post=post)
-    tell(result.to_data(), str(result), as_json)
+    cli.tell(result.to_data(), str(result), as_json)

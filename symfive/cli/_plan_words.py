@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
-from symfive.cli._common import point_of
+from symfive.cli import _common as cli
 from symfive.errors import InputError
 
 if TYPE_CHECKING:
@@ -91,7 +91,7 @@ def part_of(
             problem = "--part-tool, --part-zero, --part-tool-centre and --part-datum belong to a part and none is given"
             raise InputError(problem, remedy="add --part FILE")
         return None
-    zero = point_of("--part-zero", part_zero)
+    zero = cli.point_of("--part-zero", part_zero)
     return read_tool_path(
         path, machine, tool_length=part_tool, zero=zero, tool_centre=part_tool_centre, datum=part_datum
     )
