@@ -9,8 +9,6 @@ from typing import Any
 
 from symfive.outputs import write_json
 
-__all__ = ["Claim", "markdown", "write_claims"]
-
 
 @dataclass(frozen=True)
 class Claim:

@@ -6,8 +6,6 @@ from dataclasses import replace
 
 from symfive.machine import Machine, preset
 
-__all__ = ["location_only"]
-
 
 def location_only(name: str) -> Machine:
     """A preset with its location errors alone, without error motions."""

@@ -7,8 +7,6 @@ from collections.abc import Callable
 
 import pytest
 
-__all__ = ["Progress"]
-
 EVERY_S = 30.0
 
 

@@ -260,6 +260,3 @@ def write_case(case: Case, folder: Path) -> str:
         "noise": vars(s.noise), "white_um": s.white_um, "heldout_noise_um": heldout_noise(case),
     }  # fmt: skip
     return json.dumps(answer, default=float)
-
-
-__all__ = ["STRATA", "Case", "case_ids", "make_case", "write_case"]

@@ -31,8 +31,6 @@ from ..linuxcnc_loop.configuration import SERVO_S
 from ..linuxcnc_loop.controller import Controller, Recording, require_linuxcnc, setp_lines
 from .plant import Axis, Bar, exported, length_um
 
-__all__ = ["FEED", "RADIUS", "SERVO_S", "Found", "captured", "close_the_loop", "main", "measured"]
-
 Array = NDArray[np.float64]
 RADIUS, FEED = 100.0, 2000.0
 OVERSHOOT_DEG, ROWS = 180.0, 900

@@ -12,8 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Axis", "Bar", "exported", "length_um"]
-
 Array = NDArray[np.float64]
 SUBSTEPS = 10
 

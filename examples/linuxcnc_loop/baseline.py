@@ -6,8 +6,6 @@ from dataclasses import replace
 
 from symfive.machine import Axis, ErrorTerm, Machine
 
-__all__ = ["with_error_motions"]
-
 LINEAR_UM, ANGULAR_URAD = 1.5, 5.0
 """Prior 1σ of a coefficient of an error motion that the machine file does not name: axes of a good machine."""
 POLYNOMIAL, FOURIER = 3, 2

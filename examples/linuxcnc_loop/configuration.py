@@ -7,8 +7,6 @@ from collections.abc import Sequence
 from symfive.codegen.linuxcnc import WORLD
 from symfive.machine import Axis, Machine
 
-__all__ = ["SERVO_S", "TCP_OFF", "hal_text", "ini_text", "joint_letters", "tcp_on"]
-
 SERVO_S = 0.001
 SAMPLES = 60000
 """Depth of the recorder's queue: a minute, in case the one that empties it has to wait."""

@@ -23,8 +23,6 @@ from symfive.model import FittedModel
 
 from .configuration import hal_text, ini_text, joint_letters
 
-__all__ = ["Controller", "Recording", "require_linuxcnc", "setp_lines"]
-
 Array = NDArray[np.float64]
 PREFIX = "sfloop"
 """The component is `sfloopkins`, so that no component of the user is written over."""

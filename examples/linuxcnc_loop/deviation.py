@@ -14,17 +14,6 @@ from symfive.model import Model
 
 from .truth import TrueMachine, place_of_the_tool, tool_rotation
 
-__all__ = [
-    "Deviation",
-    "Rest",
-    "measured_deviation",
-    "rest_of",
-    "size",
-    "true_deviation",
-    "true_geometry",
-    "true_with_offset",
-]
-
 Array = NDArray[np.float64]
 
 

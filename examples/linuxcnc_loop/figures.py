@@ -11,8 +11,6 @@ from matplotlib.figure import Figure
 from .deviation import size
 from .result import Loop, Passage
 
-__all__ = ["save_figures"]
-
 logging.getLogger("matplotlib.font_manager").setLevel(logging.ERROR)
 BEFORE, AFTER, NOISE = "#b4471f", "#1f6fb4", "#777777"
 DPI = 120

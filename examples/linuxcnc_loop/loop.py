@@ -33,8 +33,6 @@ from .result import Loop, Passage
 from .truth import TrueMachine, drawn_machine, measure
 from .write import lines_of_loop, write_loop, write_summary
 
-__all__ = ["close_the_loop", "drive", "main", "passage"]
-
 FEED_OVERRIDE = 10.0
 """Nothing can break here, so that the slow ways of a measuring programme are run faster; limits of the axes stay."""
 SETUP = SetupSigma(table_ball=20.0, tool_ball=1.0)

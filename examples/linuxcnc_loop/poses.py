@@ -18,8 +18,6 @@ from symfive.procedures import Nominal
 from .configuration import TCP_OFF, tcp_on
 from .controller import Recording
 
-__all__ = ["held_out_run", "joints_at_poses", "plant_run", "pose_lines", "programme"]
-
 Array = NDArray[np.float64]
 Vector = tuple[float, float, float]
 DWELL_S = 0.25

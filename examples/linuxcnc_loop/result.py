@@ -14,8 +14,6 @@ from symfive.machine import Machine
 from .deviation import Deviation, Rest, size
 from .truth import TrueMachine
 
-__all__ = ["Loop", "Passage"]
-
 
 @dataclass(frozen=True, kw_only=True)
 class Passage:

@@ -16,8 +16,6 @@ import plant
 from numpy.polynomial.legendre import legval
 from numpy.typing import NDArray
 
-__all__ = ["MotionCurve", "TrueMachine", "drawn_machine", "measure", "place_of_the_tool", "tool_rotation"]
-
 Array = NDArray[np.float64]
 Table = Mapping[str, Any]
 Spec = dict[str, Any]

@@ -11,8 +11,6 @@ from .deviation import size
 from .figures import save_figures
 from .result import Loop, Passage
 
-__all__ = ["lines_of_loop", "table_of_loop", "write_loop", "write_summary"]
-
 COMPARED = (
     "Deviation: where the independent plant has the tool centre point with the joints that the control recorded, minus the "
     "place in the programme, in the workpiece frame; distances over three coordinates. The tool is exactly as long as "

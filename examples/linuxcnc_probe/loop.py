@@ -33,8 +33,6 @@ from ..linuxcnc_loop.configuration import SERVO_S, TCP_OFF, tcp_on
 from ..linuxcnc_loop.controller import Controller, Recording, require_linuxcnc, setp_lines
 from .sphere import component_text, hal_lines, installed
 
-__all__ = ["Probed", "close_the_loop", "main"]
-
 Array = NDArray[np.float64]
 LOCATION = ("EX0B", "EZ0B", "EA0B", "EC0B", "EX0C", "EY0C", "EA0C", "EB0C")
 """The eight location errors of a trunnion table B C (ISO 230-1, two of them a choice of origin)."""

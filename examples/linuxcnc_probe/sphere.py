@@ -21,8 +21,6 @@ from symfive.errors import InputError
 
 from ..linuxcnc_loop.controller import MODULES
 
-__all__ = ["COMPONENT", "component_text", "hal_lines", "installed"]
-
 COMPONENT = "sfsphere"
 UNIT = [1e-3] * 3 + [1e-6] * 3
 _HEAD = """component {name} "sphere and touch probe behind the joints of a five-axis machine";

@@ -42,18 +42,6 @@ from .steps import (
     mapped_jointly,
 )
 
-__all__ = [
-    "Leak",
-    "all_claims",
-    "gauge_vectors",
-    "leak_free",
-    "leak_of",
-    "of_calibration",
-    "of_equations",
-    "of_leaks",
-    "of_map",
-]
-
 Array = NDArray[np.float64]
 SINGLE = (80.0, 0.0, 40.0)
 """w_p* for which the condition number of J(B_i) is 2.15 and the leaks are restored, mm from the intersection."""

@@ -13,23 +13,6 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = [
-    "B_ERRORS",
-    "absolute_ball",
-    "b_errors",
-    "b_jacobian",
-    "c_errors",
-    "c_jacobian",
-    "expected_ball",
-    "from_reference",
-    "homogeneous",
-    "joint_jacobian",
-    "null_combinations",
-    "own_influence_of_c",
-    "rotation_c",
-    "table_position",
-]
-
 Array = NDArray[np.float64]
 
 B_ERRORS = ("dx_BY", "dy_BY", "dz_BY", "alpha_BY", "beta_BY", "gamma_BY")

@@ -7,14 +7,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from examples.panels import BLUE, GREEN, GREY, ORANGE, panels, save
+from examples.panels import BLUE, GREEN, GREY, ORANGE, panels
 from symfive.diagnose import Diagnosis
 
 from . import equations as paper
 from .machine import B_DEG, C_DEG, NESTS, Concealed, nests_of_the_paper
 from .steps import B_ANGLES, C_ANGLES, ORIGIN, TO_FILE, Comparison, ErrorMap, in_the_paper_gauge
-
-__all__ = ["compensation", "error_functions_b", "error_functions_bc", "gravity", "plans", "save", "table_positions"]
 
 Array = NDArray[np.float64]
 MAGNIFIED = 10_000

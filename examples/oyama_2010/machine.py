@@ -16,21 +16,6 @@ from symfive.campaign import Campaign, Run, SetupSigma, read_campaign
 from symfive.machine import Machine, machine_to_data, preset
 from symfive.procedures import campaign_of, r_test_grid
 
-__all__ = [
-    "B_DEG",
-    "C_DEG",
-    "INTERSECTION",
-    "NESTS",
-    "Concealed",
-    "between",
-    "concealed",
-    "displacements",
-    "grid_of",
-    "nests_of_the_paper",
-    "paper_machine",
-    "record",
-]
-
 Array = NDArray[np.float64]
 Motion = Callable[[Array], Array]
 

@@ -42,27 +42,6 @@ from .machine import (
     record,
 )
 
-__all__ = [
-    "B_ANGLES",
-    "C_ANGLES",
-    "ORIGIN",
-    "TO_FILE",
-    "Calibration",
-    "Comparison",
-    "ErrorMap",
-    "absorbed",
-    "calibrated",
-    "chain_jacobian",
-    "compare_plans",
-    "in_the_paper_gauge",
-    "look_again",
-    "look_at_coning",
-    "map_of",
-    "mapped_jointly",
-    "sagging",
-    "third_harmonics",
-]
-
 Array = NDArray[np.float64]
 PLANS = Path(__file__).resolve().parents[2] / "designs" / "plans"
 TO_FILE = np.array([1e3] * 3 + [1e6] * 3)

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from examples.claims import write_claims
+from examples.panels import save
 from symfive.diagnose import Diagnosis
 from symfive.outputs import write_json
 
@@ -51,8 +52,6 @@ from .steps import (
     sagging,
     third_harmonics,
 )
-
-__all__ = ["Check", "Drifting", "check_compensation", "main", "map_a_drifting_machine"]
 
 Array = NDArray[np.float64]
 TITLE = "Oyama, Ibaraki & Otsubo 2010: R-test error map of a tilting rotary table"
@@ -153,9 +152,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     print(f"  B and C at once: shifts {_rms(better[:, :3]):.2f} µm, angles {_rms(better[:, 3:]):.2f} µrad")
     print(f"  rank {joint.rank} of {len(joint.parameters)} parameters; cannot be separated:")
     print("\n".join(f"    {c.words}" for c in joint.confounded if not c.names[0].startswith("setup.")))
-    figures.save(figures.error_functions_b(found, jointly, hidden), pictures, "error-functions-b")
-    figures.save(figures.error_functions_bc(found, hidden), pictures, "error-functions-bc")
-    figures.save(figures.table_positions(found, hidden, displacements(campaign)[0]), pictures, "table-positions")
+    save(figures.error_functions_b(found, jointly, hidden), pictures, "error-functions-b")
+    save(figures.error_functions_bc(found, hidden), pictures, "error-functions-bc")
+    save(figures.table_positions(found, hidden, displacements(campaign)[0]), pictures, "table-positions")
 
     with tempfile.TemporaryDirectory() as scratch:
         claims = all_claims(instrument, campaign, found, hidden, Path(scratch))
@@ -166,7 +165,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     check = check_compensation(found, hidden, folder / "recordings" / "between")
     print(f"5 Compensation, {len(check.b_deg)} poses between those of the map, in another place")
     print(f"  {check.rms('before'):.2f} µm rms before, {check.rms('after'):.2f} µm after")
-    figures.save(figures.compensation(check.b_deg, check.before, check.after), pictures, "compensation")
+    save(figures.compensation(check.b_deg, check.before, check.after), pictures, "compensation")
 
     print(f"6 Gravity read as geometry: a table that sinks by {-SAG_UM:g} µm·(1 - cos B) and has no other error")
     _, still = look_again(folder / "recordings" / "sag", drift=False)
@@ -175,7 +174,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for where, share in absorbed().items():
         print(f"  {where}: the baseline absorbs {100.0 * share:.1f} % of it")
     print(f"  {still.summary}")
-    figures.save(figures.gravity(still, SAG_UM), pictures, "gravity")
+    save(figures.gravity(still, SAG_UM), pictures, "gravity")
     drifting = map_a_drifting_machine(folder / "recordings" / "drift-once")
     print("7 The same while the spindle grows: what the map absorbs")
     print(f"  the map is off by up to {drifting.error_um:.1f} µm, and (15) leaves {drifting.residual_um:.2f} µm rms")
@@ -192,7 +191,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     print(f"9 Another plan: {compared.plan_rows} rows instead of {compared.grid_rows},", end=" ")
     print(f"{compared.plan_minutes:.0f} min instead of {compared.grid_minutes:.0f} min")
     print(f"  1σ of the {len(compared.ratio)} errors, plan over grid: {compared.mean_ratio:.2f} in the geometric mean")
-    figures.save(figures.plans(compared), pictures, "plans")
+    save(figures.plans(compared), pictures, "plans")
     print(f"Done in {time.perf_counter() - begin:.0f} s: {folder.resolve()}")
     return 0 if all(claim.settled for claim in claims) else 1
 

@@ -15,8 +15,6 @@ from symfive.identify import Identification
 from .study import Study, coordinate, rms_of, telling_column
 from .words import shown_unit
 
-__all__ = ["drawing", "save"]
-
 Array = NDArray[np.float64]
 BLUE, ORANGE, GREY = "#0072b2", "#d55e00", "#8a949e"
 MANY, SIDE = 400, 0.006

@@ -13,8 +13,6 @@ import numpy as np
 from symfive.campaign import Campaign, Run
 from symfive.importers import every, rows_of, split
 
-__all__ = ["RECORDINGS", "Part", "Recording", "halves", "runs_with"]
-
 STEP_DEG = 4.0
 
 

@@ -21,8 +21,6 @@ from symfive.identify import Identification
 from symfive.inference import Problem
 from symfive.motion import approach
 
-__all__ = ["RIVALS", "best_rival", "boosted", "harmonic", "table"]
-
 Array = NDArray[np.float64]
 Regression = Callable[[Array, Array, Array], Array]
 """(features to learn from, what to learn, features to predict at) → prediction."""

@@ -18,8 +18,6 @@ from .recordings import RECORDINGS, Recording
 from .study import Study, named, study
 from .words import left_by, page, shown_unit, to_data
 
-__all__ = ["main", "write"]
-
 
 def write(studies: Sequence[Study], absent: Sequence[str], folder: Path) -> None:
     """`recordings.md`, `recordings.json` and `figures/*.png` in the folder."""

@@ -28,8 +28,6 @@ from symfive.identify import Identification
 from .recordings import Part, Recording
 from .rivals import best_rival
 
-__all__ = ["HeldOut", "Study", "coordinate", "named", "rms_of", "study", "telling_column"]
-
 Array = NDArray[np.float64]
 TOO_SMALL = 2.0
 """σ below which a size says nothing."""

@@ -11,8 +11,6 @@ from symfive.identify import Identification
 
 from .study import Study, named, rms_of
 
-__all__ = ["page", "score", "section", "shown_unit", "summary_row", "to_data"]
-
 MOST = 8
 SHOWN = 5
 UNITS = {"um": "µm", "urad": "µrad", "deg": "°", "kg m^2": "kg m²", "1": ""}

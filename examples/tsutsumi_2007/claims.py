@@ -13,8 +13,6 @@ from .drives import PAPER
 from .readings import bar_um, printed_bar_um
 from .simulations import ECCENTRIC_UM, FEEDS, RATIOS, Simulations
 
-__all__ = ["best_dx_um", "claims_of_the_simulations"]
-
 Array = NDArray[np.float64]
 ANY = math.inf
 NEAR = [ECCENTRIC_UM.index(-5.0), ECCENTRIC_UM.index(5.0)]

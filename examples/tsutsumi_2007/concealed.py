@@ -17,21 +17,6 @@ from .drives import PAPER
 from .readings import Trace
 from .twin import Concealed, paper_machine, phi_deg, plan, recorded, without_drives
 
-__all__ = [
-    "ALONE",
-    "CENTRED",
-    "ECCENTRIC",
-    "MACHINES",
-    "SLOWER",
-    "View",
-    "claims_of_the_concealment",
-    "look",
-    "measured",
-    "named",
-    "own_trace",
-    "sentences",
-]  # fmt: skip
-
 Array = NDArray[np.float64]
 DX_UM = 30.0
 RATE_HZ = 60.0

@@ -16,8 +16,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["PAPER", "Drive", "Drives", "Gear", "behind_the_gear", "driven"]
-
 Array = NDArray[np.float64]
 
 

@@ -19,8 +19,6 @@ from .readings import Trace
 from .simulations import DRAWN, ECCENTRIC_UM, FEEDS, RATIOS, SIZES, Simulations
 from .twin import Comparison
 
-__all__ = ["save_all"]
-
 Array = NDArray[np.float64]
 BLUE, ORANGE, GREEN, GREY, RED = "#0072b2", "#d55e00", "#009e73", "#777777", "#cc3377"
 BLACK = "#000000"

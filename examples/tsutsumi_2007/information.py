@@ -15,8 +15,6 @@ from symfive.machine import Machine
 
 from .twin import paper_machine
 
-__all__ = ["Curve", "Gain", "claims_of_the_plan", "curve", "gain", "limits_of_ratio"]
-
 Array = NDArray[np.float64]
 GAIN, PLAY = "servo_mismatch.C.position_gain", "backlash.C.width"
 RADIUS, FEED = 50.0, 1000.0

@@ -8,8 +8,6 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["Circle", "derived_rates"]
-
 Array = NDArray[np.float64]
 
 

@@ -14,8 +14,6 @@ from .path import Circle, derived_rates
 from .readings import first_order_peak_um, one_axis_lags
 from .twin import chain_gap_um
 
-__all__ = ["claims_of_the_chain", "claims_of_the_path", "lag_by_differentiation_um"]
-
 Array = NDArray[np.float64]
 LAP = np.radians(np.linspace(0.0, 360.0, 14401))
 BESIDE_180 = LAP + 1e-4

@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 from .drives import PAPER, Drive, Drives, Gear, behind_the_gear, driven
 from .path import Circle
 
-__all__ = ["Case", "Lap", "Trace", "bar_um", "first_order_peak_um", "one_axis_lags", "printed_bar_um", "simulate"]
-
 Array = NDArray[np.float64]
 ROW_DEG = 0.025
 STEP_S = 2e-4

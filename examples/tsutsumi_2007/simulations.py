@@ -12,8 +12,6 @@ from .drives import PAPER, Drives
 from .path import Circle
 from .readings import Case, Lap, Trace, simulate
 
-__all__ = ["DRAWN", "ECCENTRIC_UM", "FEEDS", "FORMS", "RATIOS", "SERVOS", "SIZES", "Simulations", "case_of", "run_all"]
-
 Array = NDArray[np.float64]
 RATIOS = (0.3, 0.5, 0.7, 0.8, 0.85, 0.9, 0.95, 1.05, 1.1, 1.15, 1.2, 1.25, 1.3, 1.35, 1.4, 1.5, 1.65, 1.8)
 """X_T/r of figure 10."""

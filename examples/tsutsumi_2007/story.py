@@ -31,8 +31,6 @@ from .path_claims import claims_of_the_chain, claims_of_the_path
 from .simulations import case_of, run_all
 from .twin import Comparison, compare
 
-__all__ = ["claims_of_the_twin", "compared", "main"]
-
 TITLE = "Tsutsumi, Yumiza, Utsumi & Sato 2007: claims"
 COMPARED = ("linear", "linear, friction", "linear, worm", "linear, play", "full")
 

@@ -18,11 +18,6 @@ from .drives import PAPER, Drives, behind_the_gear, driven
 from .path import Circle
 from .readings import Case, bar_um
 
-__all__ = [
-    "Comparison", "Concealed", "chain_gap_um", "circle_of", "compare", "effects_of", "every", "paper_machine", "phi_deg", "plan",
-    "recorded", "without_drives",
-]  # fmt: skip
-
 Array = NDArray[np.float64]
 BASELINE = ("EX0C", "EY0C", "EXX")
 """What the baseline may vary: the paper's dx and dy, and the scale of X."""

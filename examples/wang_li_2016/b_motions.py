@@ -42,11 +42,6 @@ from .machine import (
     readings_of,
 )  # fmt: skip
 
-__all__ = [
-    "COMBINED", "OneTurned", "Turned", "curves", "in_sequence", "left_over", "machine_with_b", "of_b_motions",
-    "one_turned", "pointwise", "tests_of_b", "turned", "whole",
-]  # fmt: skip
-
 Array = NDArray[np.float64]
 Readings = Mapping[str, Array]
 COMBINED = ("EXB", "EYB", "EZB", "EAB cos b - ECB sin b", "EBB", "EAB sin b + ECB cos b")

@@ -20,8 +20,6 @@ from .estimators import Joint, noisy, rotary_in_sequence
 from .grid_claims import SCALE_MM, nine_slopes, of_grid, of_squareness
 from .machine import ASSUMED, DZ_MM, HEIGHTS_MM, RADIUS_MM, bar_tests, grid_tests, paper_machine, readings_of
 
-__all__ = ["Repeated", "all_claims", "of_ball_bar", "of_chain", "of_noise", "of_patterns", "repeated", "table_point"]
-
 Array = NDArray[np.float64]
 D1_MM = 100.0
 """Height of the ball over the table top, with the top 50 mm above the intersection: D1 = Dz - D."""

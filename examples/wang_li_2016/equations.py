@@ -14,12 +14,6 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = [
-    "LOCATION", "axial", "b_basis", "b_location", "b_motions", "bar_along_x", "bar_along_z", "c_harmonics", "c_location",
-    "c_motions", "line_displacement", "lines_matrix", "points_of_table", "small_motion", "squareness_seen", "turning_bar",
-    "two_heights",
-]  # fmt: skip
-
 Array = NDArray[np.float64]
 LOCATION = ("EX0B", "EZ0B", "EA0B", "EC0B", "EX0C", "EY0C", "EA0C", "EB0C")
 """x_b, z_b, alpha_b, gamma_b, x_c, y_c, alpha_c, beta_c of (4)."""

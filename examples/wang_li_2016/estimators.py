@@ -18,8 +18,6 @@ from symfive.model import Model
 from . import equations as paper
 from .machine import DZ_MM, HALF_WIDTH_UM, HEIGHTS_MM, angle, readings_of
 
-__all__ = ["SLOPES", "Joint", "Sequence", "effect_of", "lever", "noisy", "rotary_in_sequence", "six_motions"]
-
 Array = NDArray[np.float64]
 Readings = Mapping[str, Array]
 Estimate = dict[str, Array]

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from examples.panels import BLUE, GREEN, GREY, ORANGE, panels, save
+from examples.panels import BLUE, GREEN, GREY, ORANGE, panels
 from symfive.campaign import Campaign
 from symfive.design import Assessment
 from symfive.identify import Identification
@@ -21,11 +21,6 @@ from .grid_claims import LAYOUTS, SCALE_MM
 from .machine import angle, readings_of
 from .machines import Fate
 from .screw import LEAD_MM, SIZE_UM, Screw
-
-__all__ = [
-    "ball_bar", "conditioning", "cross_grid", "fates", "motions_of_b", "plans", "plate_yaw", "save", "screws",
-    "six_error_motions",
-]  # fmt: skip
 
 Array = NDArray[np.float64]
 

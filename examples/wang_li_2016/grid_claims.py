@@ -13,8 +13,6 @@ from . import equations as paper
 from .estimators import Sequence
 from .machine import grid_tests, paper_machine, readings_of
 
-__all__ = ["LAYOUTS", "SCALE_MM", "nine_slopes", "of_grid", "of_squareness"]
-
 Array = NDArray[np.float64]
 SCALE_MM = 200.0
 """Angles times this length where conditioning is asked for."""

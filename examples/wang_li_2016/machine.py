@@ -17,11 +17,6 @@ from symfive.procedures import Nominal, campaign_of, checked, static_ball_bar
 
 from .equations import LOCATION
 
-__all__ = [
-    "ASSUMED", "BAR_MM", "BAR_SETUP", "DZ_MM", "HALF_WIDTH_UM", "HEIGHTS_MM", "NOISE_UM", "OFFSETS_MM", "PERFECT", "RADIUS_MM",
-    "TOOL_MM", "angle", "bar_tests", "draw", "grid_tests", "measured", "paper_machine", "readings_of", "whole_campaign",
-]  # fmt: skip
-
 Array = NDArray[np.float64]
 
 ASSUMED = dict(zip(LOCATION, (20.0, -15.0, 100.0, -80.0, 10.0, -12.0, 60.0, 90.0), strict=True))

@@ -14,8 +14,6 @@ from symfive.model import Model
 from .estimators import SLOPES, Joint, Sequence, noisy
 from .machine import draw, readings_of
 
-__all__ = ["Fate", "compare", "raw_slopes"]
-
 Array = NDArray[np.float64]
 
 

@@ -14,8 +14,6 @@ from symfive.procedures import campaign_of
 from .estimators import six_motions
 from .machine import grid_tests, measured, paper_machine, readings_of
 
-__all__ = ["OF_X", "YAW_URAD", "Yawed", "only_x", "yawed"]
-
 YAW_URAD = 60.0
 """Yaw of the plate under the second line, µrad."""
 OF_X = {"EXX.P2": 4.0, "EYX.P2": 3.0, "EZX.P3": -2.0, "EBX.P1": 12.0, "ECX.P1": -9.0}

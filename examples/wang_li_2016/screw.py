@@ -13,8 +13,6 @@ from symfive.procedures import campaign_of
 from .machine import grid_tests, measured
 from .plates import OF_X, only_x
 
-__all__ = ["LEAD_MM", "SIZE_UM", "Screw", "screw"]
-
 LEAD_MM, SIZE_UM = 5.0, 3.0
 """The paper's pitch of the screw, and the amplitude of the periodic error."""
 

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from examples.claims import write_claims
+from examples.panels import save
 from symfive.campaign import Campaign, write_campaign
 from symfive.design import Assessment, Plan, assess, plan
 from symfive.identify import Identification, identify
@@ -35,8 +36,6 @@ from .machine import ASSUMED, BAR_SETUP, NOISE_UM, bar_tests, draw, grid_tests, 
 from .machines import Fate, compare, raw_slopes
 from .plates import YAW_URAD, Yawed, yawed
 from .screw import LEAD_MM, SIZE_UM, Screw, screw
-
-__all__ = ["Gain", "One", "gain_of_a_plan", "main", "one_machine"]
 
 Array = NDArray[np.float64]
 TITLE = "Wang & Li 2016: cross grid encoder and double ball bar"
@@ -161,10 +160,10 @@ def main(arguments: Arguments[str] | None = None) -> int:
     print("2 One machine, every set-up a little askew: squareness and location errors")
     print("\n".join(_table(one)))
     print(f"  joint: chi²/dof {one.joint.chi2_dof:.3f}, rank {one.joint.rank} of {len(one.joint.parameters)}")
-    figures.save(figures.cross_grid(one.campaign), pictures, "cross-grid")
-    figures.save(figures.six_error_motions(one.campaign, one.joint, one.truth), pictures, "six-error-motions")
-    figures.save(figures.ball_bar(one.campaign), pictures, "ball-bar")
-    figures.save(figures.conditioning(), pictures, "conditioning")
+    save(figures.cross_grid(one.campaign), pictures, "cross-grid")
+    save(figures.six_error_motions(one.campaign, one.joint, one.truth), pictures, "six-error-motions")
+    save(figures.ball_bar(one.campaign), pictures, "ball-bar")
+    save(figures.conditioning(), pictures, "conditioning")
 
     again, of_b = repeated(), turned()
     claims = all_claims(again, of_b)
@@ -188,7 +187,7 @@ def main(arguments: Arguments[str] | None = None) -> int:
     print(
         f"  squareness as a plain slope, without what the axis' rotations do at their levers: off by {slopes} µrad rms"
     )
-    figures.save(figures.fates(fate), pictures, "thousand-machines")
+    save(figures.fates(fate), pictures, "thousand-machines")
 
     print(
         f"5 Error motions of B less what location errors take, {of_b.count} machines: 1σ, rms over b, sequence and joint"
@@ -201,7 +200,7 @@ def main(arguments: Arguments[str] | None = None) -> int:
         unit = "µm" if k < 3 else "µrad"
         print(f"  {name:<22}{both} {unit:<4} (stated {stated:.2f}, by two balls {two:.2f}, prior {known:.1f};")
         print(f"  {'':<22} in sequence with perfect set-ups {ideal:.2f})")
-    figures.save(figures.motions_of_b(one_turned()), pictures, "motions-of-b")
+    save(figures.motions_of_b(one_turned()), pictures, "motions-of-b")
 
     gain = gain_of_a_plan()
     rows, fewer = gain.tests.rows, gain.plan.campaign.rows
@@ -209,7 +208,7 @@ def main(arguments: Arguments[str] | None = None) -> int:
     print(f"instead of {rows} in {len(gain.tests.runs)}; 1σ of the tests over 1σ of the plan:")
     print("  " + ", ".join(f"{name} {ratio:.2f}" for name, ratio in gain.ratio.items()))
     words = (f"the paper's {len(gain.tests.runs)} tests, {rows} readings", f"plan, {fewer} readings")
-    figures.save(figures.plans(gain.of_tests, gain.plan.assessment, words), pictures, "plans")
+    save(figures.plans(gain.of_tests, gain.plan.assessment, words), pictures, "plans")
 
     plates = yawed()
     print(f"7 A plate {YAW_URAD:g} µrad askew under the second line of an axis that does not roll")
@@ -219,13 +218,13 @@ def main(arguments: Arguments[str] | None = None) -> int:
     print(f"  diagnosis, plates taken as aligned: {plates.diagnosis.summary}")
     print("  with the orientation as an unknown: " + "; ".join(plates.says))
     print(f"  diagnosis then: {plates.clean.summary}")
-    figures.save(figures.plate_yaw(plates.known.model.campaign, plates.known, YAW_URAD), pictures, "plate-yaw")
+    save(figures.plate_yaw(plates.known.model.campaign, plates.known, YAW_URAD), pictures, "plate-yaw")
 
     periodic = screw()
     print(f"8 A screw error of X, {SIZE_UM:g} µm, period {LEAD_MM:g} mm; the diagnosis of line 1")
     print(f"  read every 5 mm: {periodic.paper.summary}")
     print(f"  read every 2 mm: {periodic.denser.summary}")
-    figures.save(figures.screws(periodic), pictures, "screw")
+    save(figures.screws(periodic), pictures, "screw")
     write_json(folder / "findings.json", findings_data(fate, raw, of_b, gain, plates, periodic))
     print(f"Done in {time.perf_counter() - begin:.0f} s: {folder.resolve()}")
     return 0 if all(claim.settled for claim in claims) else 1

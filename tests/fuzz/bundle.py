@@ -5,8 +5,6 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-__all__ = ["packed", "unpack"]
-
 HEAD = re.compile(rb"^=== ([A-Za-z0-9._/-]{1,60})\n", re.MULTILINE)
 MOST_FILES = 20
 

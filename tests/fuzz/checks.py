@@ -16,8 +16,6 @@ import numpy as np
 
 from symfive.errors import InputError
 
-__all__ = ["LONGEST_S", "LONGEST_SENTENCE", "Fault", "Reader", "equal", "finite", "run"]
-
 LONGEST_S = 5.0
 LONGEST_SENTENCE = 1500
 

@@ -12,8 +12,6 @@ from typing import Any
 
 from .checks import Reader, run
 
-__all__ = ["KEPT", "OPEN", "inputs", "keep", "name_of", "reached"]
-
 KEPT = Path(__file__).parent / "corpus"
 OPEN = Path(__file__).parent / "open"
 """Inputs that show faults which are not mended yet, each in a folder of its reader's name."""

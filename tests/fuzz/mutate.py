@@ -5,8 +5,6 @@ from __future__ import annotations
 import random
 import re
 
-__all__ = ["NUMBERS", "STRINGS", "TOKEN", "Mutator"]
-
 TOKEN = re.compile(rb'"[^"\n]*"|[-+]?[0-9][0-9.eE_+-]*|\w+|\n|[^\S\n]+|[^\n]', re.ASCII)
 NUMBERS = (
     *b"0 -0.0 1 -1 2 60 61 255 1000000 0.5 -0.5 1e-9 5e-324 1e-300 1e150 1e308 -1e308 1e400 nan inf -inf +nan 1_0".split(),

@@ -13,8 +13,6 @@ from symfive.toml_files import toml_text
 
 from .bundle import HEAD
 
-__all__ = ["of_values"]
-
 JUNK: tuple[Any, ...] = (
     0, -0.0, 1, -1, 2, 61, 0.5, 1e-9, 5e-324, 1e150, -1e308, float("inf"), float("nan"), 10**400, True,
     "", " ", "X", "C", "x'", "EX0C", "./a.csv", "../a.csv", "a\nb", "\u2028", "static", "dynamic", "polynomial",

@@ -24,8 +24,6 @@ from . import right, seeds
 from .bundle import unpack
 from .checks import Fault, Reader, equal, finite
 
-__all__ = ["READERS"]
-
 WORDS = Path(__file__).parent / "words"
 
 

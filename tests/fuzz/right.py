@@ -21,11 +21,6 @@ from symfive.parameters import UNIT_SCALE
 from .checks import LONGEST_SENTENCE, Fault, equal, finite
 from .seeds import DATA
 
-__all__ = [
-    "campaign_is_right", "circle_is_right", "machine_is_right", "made", "model_is_right",
-    "recording_is_right", "row_is_right", "truth_is_right",
-]  # fmt: skip
-
 UNITS = {*UNIT_SCALE, "1", "N", "Nm", "kg", "kg m^2", "N s/m", "Nm s/rad", "Hz", "1/s", "rad/s"}
 
 

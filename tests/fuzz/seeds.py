@@ -10,18 +10,6 @@ from symfive.toml_files import toml_text
 
 from .bundle import packed
 
-__all__ = [
-    "ROOT",
-    "campaigns",
-    "circles",
-    "declared",
-    "machines",
-    "nothing",
-    "probes",
-    "recorded",
-    "recordings",
-]
-
 ROOT = Path(__file__).resolve().parents[2]
 PLANS, DATA = ROOT / "designs" / "plans", ROOT / "tests" / "data"
 MACHINES = sorted((ROOT / "designs" / "machines").glob("*.toml"))
