@@ -34,16 +34,8 @@ from symfive.numbers import percent
 from symfive.parameters import parameter_words
 
 __all__ = [
-    "DO_NOT",
-    "LONGEST",
-    "Worth",
-    "effect_worth",
-    "effect_worths",
-    "location_worths",
-    "signed",
-    "worth_of",
-    "worth_text",
-]
+    "DO_NOT", "LONGEST", "Worth", "effect_worth", "effect_worths", "location_worths", "signed", "worth_of", "worth_text",
+]  # fmt: skip
 
 DO_NOT = "do not correct: below the uncertainty"
 CERTAIN = 0.9545

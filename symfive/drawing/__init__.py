@@ -17,18 +17,6 @@ from symfive.drawing._page import (
 from symfive.drawing._poses import SCRIPT, poses_figure
 
 __all__ = [
-    "BLUE",
-    "FAINT",
-    "GREEN",
-    "GRID",
-    "INK",
-    "ORANGE",
-    "PAGE_STYLE",
-    "PAPER",
-    "PURPLE",
-    "SCRIPT",
-    "SERIES",
-    "page",
-    "poses_figure",
-    "templates",
-]
+    "BLUE", "FAINT", "GREEN", "GRID", "INK", "ORANGE", "PAGE_STYLE", "PAPER", "PURPLE", "SCRIPT", "SERIES", "page",
+    "poses_figure", "templates",
+]  # fmt: skip

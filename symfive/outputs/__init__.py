@@ -9,14 +9,6 @@ from symfive.outputs._folder import output_file, output_folder, write_bytes, wri
 from symfive.outputs._manifest import MANIFEST, Reading, by_command, own_data
 
 __all__ = [
-    "MANIFEST",
-    "Reading",
-    "by_command",
-    "output_file",
-    "output_folder",
-    "own_data",
-    "write_bytes",
-    "write_json",
-    "write_parts",
-    "write_text",
-]
+    "MANIFEST", "Reading", "by_command", "output_file", "output_folder", "own_data", "write_bytes", "write_json",
+    "write_parts", "write_text",
+]  # fmt: skip
