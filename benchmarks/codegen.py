@@ -33,10 +33,9 @@ from chains import COMPLEX, JAX, SYMFORCE
 from loops import LIMITS, LOOPS
 from robots import CPPADCODEGEN, DRAKE, FRAX, PINOCCHIO, PINOCCHIO_JOINTS
 
-from symfive.codegen import codegen
+from symfive.codegen import Subject, codegen, subject_of
 from symfive.codegen._batch import Batch
 from symfive.codegen._sources import Sources
-from symfive.codegen._subject import Subject, _row, subject_of
 from symfive.codegen.c import c_files
 from symfive.machine import ErrorTerm, preset
 from symfive.parameters import Parameter
@@ -49,9 +48,9 @@ TOOL = (0.0, 0.0, -150.0)
 class Constant(Subject):
     """A machine whose six error motions of every axis are constants: the peers' chain, exact in all 30 parameters."""
 
-    def row(self, q: Any, p: Any) -> Any:
+    def row(self, q: Any, p: Any, tool: Any = (0.0, 0.0, 0.0)) -> Any:
         """The chain with those constants as error motions."""
-        row = _row(self.machine, (), (), q, p)
+        row = super().row(q, p, tool)
         for i, parameter in enumerate(self.parameters):
             row.add_motion(parameter.name, parameter.scale * p[i])
         return row

@@ -81,3 +81,9 @@ def test_an_unknown_section_is_refused() -> None:
         [sys.executable, str(BENCHMARKS / "table.py"), "weather"], capture_output=True, text=True, check=False
     )
     assert done.returncode == 2 and "unknown section: weather" in done.stderr
+
+
+def test_the_chain_of_the_peers_is_generated() -> None:
+    from codegen import c_files, subject
+
+    assert "sf_parameter_jacobian(" in c_files(subject(), "sf")["sf.c"]
