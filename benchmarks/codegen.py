@@ -19,7 +19,6 @@ import shutil
 import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -32,6 +31,7 @@ import numpy as np
 from chains import COMPLEX, JAX, SYMFORCE
 from loops import LIMITS, LOOPS
 from robots import CPPADCODEGEN, DRAKE, FRAX, PINOCCHIO, PINOCCHIO_JOINTS
+from timing import timed
 
 from symfive.codegen import Subject, codegen, subject_of
 from symfive.codegen._batch import Batch
@@ -75,12 +75,7 @@ def subject() -> Subject:
 
 def best(work: Callable[[], Any], repeat: int, poses: int = POSES) -> float:
     """Least processor time per pose, ns."""
-    times = []
-    for _ in range(repeat):
-        start = time.process_time()
-        work()
-        times.append(time.process_time() - start)
-    return 1e9 * min(times) / poses
+    return 1e9 * timed(work, repeat)[0] / poses
 
 
 def compiled(source: str, folder: Path, name: str, *flags: str, march: str = "native") -> ctypes.CDLL:
@@ -160,7 +155,7 @@ def batch(folder: Path, repeat: int, march: str) -> tuple[dict[str, float], Call
     factor, leverage = np.linalg.cholesky(np.eye(30) + 0.01), module._aligned((len(tiles), 6, lanes))
     leverage[...] = 0.0
     for _ in range(repeat):  # in turns, so that all see the same neighbours
-        multiplied.append(_seconds(lambda: limits.multiply_add_limit(ctypes.c_size_t(turns))))
+        multiplied.append(timed(lambda: limits.multiply_add_limit(ctypes.c_size_t(turns)), 1)[0])
         stores.append(best(lambda: limits.write_limit(p_(everything), ctypes.c_size_t(everything.size // lanes)), 1))
         fetched.append(
             best(lambda: limits.fetched_write_limit(p_(everything), ctypes.c_size_t(everything.size // lanes)), 1)
@@ -223,12 +218,6 @@ def batch(folder: Path, repeat: int, march: str) -> tuple[dict[str, float], Call
         "Gflop/s": peak,
     }
     return found, (lambda: kernel._function("jacobian")(count, *map(p_, (tiles, c, position, by_p)), stored))
-
-
-def _seconds(work: Callable[[], Any]) -> float:
-    start = time.process_time()
-    work()
-    return time.process_time() - start
 
 
 def peers(
@@ -340,9 +329,7 @@ def large(folder: Path, quick: bool) -> None:
         errors = {**{t.name: t for t in nutating.location_errors}, **motions}
         cases.append((f"nutating table, {basis}, order 3", replace(nutating, errors=errors)))
     for i, (text, machine) in enumerate(cases[:1] if quick else cases):
-        start = time.process_time()
-        codegen(machine, folder / str(i))
-        made = time.process_time() - start
+        made, _ = timed(lambda: codegen(machine, folder / str(i)), 1)  # noqa: B023
         strict = ["-std=c99", "-Wall", "-Wextra", "-Wconversion", "-pedantic", "-Werror", "-O2"]
         start = _children()
         subprocess.run(

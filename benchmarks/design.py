@@ -26,6 +26,7 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
+from timing import timed
 
 from symfive.campaign import Run, SetupSigma
 from symfive.design import assess, certify, circle_information, make_space, optimise, plan
@@ -50,16 +51,6 @@ from symfive.threads import one_thread
 
 POINTS, CANDIDATES = 20, 1000
 PEERS = ("FIGAROH DETMAX", "pydex")
-
-
-def timed(work: Callable[[], Any], repeat: int = 3) -> tuple[float, Any]:
-    """Least CPU time of a few repetitions, s, and the result."""
-    best, result = float("inf"), None
-    for _ in range(repeat):
-        start = time.process_time()
-        result = work()
-        best = min(best, time.process_time() - start)
-    return best, result
 
 
 def chain() -> tuple[Kernel, np.ndarray, np.ndarray, Any]:

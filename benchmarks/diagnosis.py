@@ -21,8 +21,7 @@ os.environ |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 import argparse
 import json
 import sys
-import time
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -30,6 +29,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 import numpy as np
 from identify import RATE_HZ, ROWS, SEED, plan
+from timing import timed
 
 from examples.blind_study.rivals import PYSINDY, RIVALS, Name, System, pysindy, search
 from symfive.campaign import read_campaign
@@ -74,17 +74,14 @@ def compete(campaigns: Iterable[str], python: str | None) -> dict[str, Tally]:
         truth_file = json.loads((CAMPAIGNS / name / "truth.json").read_text())
         truth = {(e["effect"], e["axis"]) for e in truth_file["effects"]}
         campaign = read_campaign(CAMPAIGNS / name / "fit")
-        begin = time.process_time()
-        said = [(f.name, f.axis) for f in diagnose(campaign).findings]
-        tallies["symfive"].add(said, truth, time.process_time() - begin)
+        seconds, found = timed(lambda: diagnose(campaign), 1)  # noqa: B023
+        said = [(f.name, f.axis) for f in found.findings]
+        tallies["symfive"].add(said, truth, seconds)
         _say(name, truth, "symfive", said)
-        begin = time.process_time()
-        system = System.of(campaign)
-        shared = time.process_time() - begin
+        shared, system = timed(lambda: System.of(campaign), 1)  # noqa: B023
         for rival in RIVALS:
-            begin = time.process_time()
-            said = search(system, rival)
-            tallies[rival].add(said, truth, shared + time.process_time() - begin)
+            seconds, said = timed(lambda: search(system, rival), 1)  # noqa: B023
+            tallies[rival].add(said, truth, shared + seconds)
             _say(name, truth, rival, said)
         if tallies[PYSINDY].skipped:
             continue
@@ -124,13 +121,7 @@ def blocks() -> None:
         f"their Gram matrices, {len(nodes)} nodes": lambda: [grams(t.rows, t.interval, nodes) for t in tables],
         f"Gram matrices of {COLUMNS} columns, {len(nodes)} nodes": lambda: grams(columns, 1.0 / RATE_HZ, nodes),
     }.items():
-        print(f"{what:45} {min(_seconds(work) for _ in range(3)):.2f} s")
-
-
-def _seconds(work: Callable[[], object]) -> float:
-    begin = time.process_time()
-    work()
-    return time.process_time() - begin
+        print(f"{what:45} {timed(work)[0]:.2f} s")
 
 
 def main() -> None:

@@ -13,14 +13,14 @@ import os
 os.environ |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
 import argparse
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from identify import SEED
 from rows import exponent
+from timing import timed
 
 from symfive import identify, preset, simulate
 from symfive.campaign import Campaign, read_campaign
@@ -38,20 +38,10 @@ EVERY, EVERY_QUICK = (4, 2, 1), (2, 1)
 SAG_AND_DRIFT = Path(__file__).resolve().parent.parent / "tests" / "data" / "campaigns" / "static-sag-and-drift" / "fit"
 
 
-def least(work: Callable[[], object], repeat: int = 3) -> float:
-    """Least CPU time of a few repetitions, s."""
-    times = []
-    for _ in range(repeat):
-        begin = time.process_time()
-        work()
-        times.append(time.process_time() - begin)
-    return min(times)
-
-
 def poses(steps: Sequence[float] = STEPS_DEG) -> Growth:
     """Poses of an R-test at rest, and seconds of the whole identification, the model built already."""
     return [
-        (model.campaign.rows, least(lambda model=model: identify(model, noise="declared")))
+        (model.campaign.rows, timed(lambda model=model: identify(model, noise="declared"))[0])
         for model in (Model(_static(step)) for step in steps)
     ]
 
@@ -68,7 +58,7 @@ def parameters(orders: Sequence[int] = ORDERS) -> Growth:
             np.linalg.solve(information.matrix + np.diag(problem.prior_precision), information.gradient)
 
         step()  # compiles
-        found.append((len(model.parameters), least(step)))
+        found.append((len(model.parameters), timed(step)[0]))
     return found
 
 
@@ -97,7 +87,7 @@ def effects(every: Sequence[int] = EVERY) -> Growth:
         kept = set(ids[::stride])
         exclude = tuple(id for id in ids if id not in kept)
         count = sum(effect.id in kept for effect in whole)
-        found.append((count, least(lambda exclude=exclude: locate(detection, exclude=exclude))))
+        found.append((count, timed(lambda exclude=exclude: locate(detection, exclude=exclude))[0]))
     return found
 
 

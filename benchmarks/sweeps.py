@@ -19,11 +19,11 @@ import argparse
 import copy
 import math
 import sys
-import time
 
 import numpy as np
 from parts import UNKNOWN_UM, Array, Plant, simulate_run
 from plant import NoiseOptions
+from timing import timed
 
 from symfive.campaign import Campaign
 from symfive.design import Assessment, SweepPlan, plan, plan_sweeps
@@ -94,9 +94,8 @@ def compare(name: str, instrument: str, minutes: float, poses: int | None, machi
     """The rows of one machine; `poses` at rest, or as many as take as long."""
     plant = Plant(preset(name))
     for criterion in ("D", "A"):
-        start = time.process_time()
-        made = plan_sweeps(name, instrument=instrument, minutes=minutes, criterion=criterion)
-        spent = time.process_time() - start
+        options = {"instrument": instrument, "minutes": minutes, "criterion": criterion}
+        spent, made = timed(lambda: plan_sweeps(name, **options), 1)  # noqa: B023
         assert made.certificate is not None
         rest = plan(
             name, instrument=instrument, minutes=None if poses else minutes, points=poses or 200, starts=1,
