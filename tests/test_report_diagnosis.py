@@ -94,15 +94,12 @@ def _nothing(*_):
     raise InputError("nothing to draw", remedy="none")
 
 
-NOTHING = [replace(drawing, draw=_nothing) for drawing in _report.FIGURES]
-
-
 @pytest.fixture
 def page_of(found, tmp_path, monkeypatch):
     """The page of a diagnosis with some findings and other changes, without figures but theirs, and none as a file."""
-    monkeypatch.setattr(_diagnosis, "FIGURES", NOTHING)
+    monkeypatch.setattr(_diagnosis, "drawn", lambda *_: "")
     monkeypatch.setattr(_diagnosis, "geometry_chart", _nothing)
-    monkeypatch.setattr(_diagnosis, "keep", lambda *_: None)
+    monkeypatch.setattr(_report, "write_bytes", lambda *_: None)
     return lambda *findings, **other: diagnosis_report(replace(found, findings=findings, **other), tmp_path).read_text()
 
 
@@ -278,7 +275,7 @@ def closing(diagnosis):
 
 
 def test_a_clean_campaign_gets_a_short_page(found, tmp_path, monkeypatch):
-    monkeypatch.setattr(_diagnosis, "FIGURES", NOTHING)
+    monkeypatch.setattr(_diagnosis, "drawn", lambda *_: "")
     fit = replace(found.fit, heldout_rms_before_um=None, heldout_rms_after_um=None)
     clean = replace(found, findings=(), p_value=0.4, fit=fit, before=found.after)
     text = diagnosis_report(clean, tmp_path).read_text()

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 from markupsafe import Markup
-from matplotlib.figure import Figure
 
 from symfive.arrays import Array
 from symfive.diagnose import SHOWN_SHARE, Diagnosis, Finding, facts_of
 from symfive.drawing import poses_figure
 from symfive.effects import form_words
-from symfive.errors import InputError
 from symfive.identify import Identification
 from symfive.numbers import expected_ratio, percent, plain_number, power_of_ten
 from symfive.report._cards import card
@@ -23,18 +21,16 @@ from symfive.report._evidence import fit_table, gap_table, observability_table, 
 from symfive.report._finding_figure import finding_figure
 from symfive.report._findings import closing
 from symfive.report._geometry import geometry_chart, geometry_table
-from symfive.report._page import embedded, fragment, write_page
+from symfive.report._page import fragment, write_page
 from symfive.report._polar import polar_trace
-from symfive.report._report import FIGURES, keep
+from symfive.report._report import drawn, placed
 from symfive.report._standards import standards_section, worth_section
-from symfive.report._style import Tips
 from symfive.report._tables import noise_table, outlier_table, setup_table
 from symfive.screen import plural
 
 NAME = "report.html"
 IN_SHORT = ("where", "how large", "how sure", "costs")
 """What the verdict says of each finding, before what to do; its card has the rest."""
-Drawn = Callable[[], tuple[Figure, Tips]]
 _READING = (
     "Residual over the coordinate named below. Left, before: the line is this effect, and the coloured dots should follow it "
     "(grey: the residual before the other findings are subtracted). Right, after: with all findings in the model, only noise "
@@ -100,7 +96,7 @@ def _cards(diagnosis: Diagnosis, findings: Sequence[Finding], figures: Path) -> 
     parts = visible_parts(diagnosis.before, [f.contribution for f in findings])
     cards: list[dict[str, object]] = []
     for number, (finding, visible) in enumerate(zip(findings, parts, strict=True), start=1):
-        picture = _figure(f"finding-{number}-residual", f"{finding.title}: residual before and after", _READING,
+        picture = placed(f"finding-{number}-residual", f"{finding.title}: residual before and after", _READING,
                           partial(finding_figure, diagnosis, finding, visible, _others(parts, number - 1)), figures)  # fmt: skip
         facts = facts_of(finding, diagnosis.after)
         alike = [f"in this test not separated {facts['not separated']}"] if finding.alias else []
@@ -125,30 +121,14 @@ def _proof(diagnosis: Diagnosis, figures: Path) -> dict[str, object]:
     return {
         "proof": "Before and after" if found else "Residuals",
         "fit": fit_table(diagnosis),
-        "geometry": _figure("geometry", "Geometry before and after", moved, lambda: geometry_chart(before, after), figures)
+        "geometry": placed("geometry", "Geometry before and after", moved, lambda: geometry_chart(before, after), figures)
         if found else "",
         "geometry_table": geometry_table(diagnosis) if found else "",
-        "polar_before": _figure("polar-before", "Circular tests before", f"Before: without the findings. {circles}",
-                                lambda: (polar_trace(before), {}), figures) if found else "",
-        "polar_after": _figure("polar-after", "Circular tests", words + circles, lambda: (polar_trace(after), {}), figures),
-        "error_motions": _drawing("error-motions", after, figures),
+        "polar_before": placed("polar-before", "Circular tests before", f"Before: without the findings. {circles}",
+                                partial(polar_trace, before), figures) if found else "",
+        "polar_after": placed("polar-after", "Circular tests", words + circles, partial(polar_trace, after), figures),
+        "error_motions": drawn("error-motions", after, figures),
     }  # fmt: skip
-
-
-def _figure(name: str, title: str, reading: str, draw: Drawn, figures: Path) -> Markup:
-    """The figure on the page and as a file; "" where there is nothing to draw."""
-    try:
-        figure, tips = draw()
-    except InputError:
-        return Markup()  # no circle among the runs, no error motion in the machine file
-    keep(figure, name, figures)
-    return embedded(figure, name, title, reading, tips)
-
-
-def _drawing(name: str, identification: Identification, figures: Path) -> Markup:
-    """The figure of that name in the report of an identification."""
-    drawing = next(drawing for drawing in FIGURES if drawing.name == name)
-    return _figure(name, drawing.title, drawing.reading, partial(drawing.draw, identification), figures)
 
 
 def _sensitivity(diagnosis: Diagnosis) -> dict[str, object]:
@@ -178,8 +158,8 @@ def _quality(diagnosis: Diagnosis, figures: Path) -> dict[str, object]:
     return {
         "outliers": outlier_table(after) if after.outliers else "",
         "gaps": gap_table(after.model.campaign),
-        "over_time": _drawing("residuals-over-time", after, figures),
-        "spectrum": _drawing("residual-spectrum", after, figures),
+        "over_time": drawn("residuals-over-time", after, figures),
+        "spectrum": drawn("residual-spectrum", after, figures),
         "noise": noise_table(after),
         "setup": setup_table(after) if has_setup else "",
         "poses": Markup(poses_figure(after.model.campaign)),

@@ -20,7 +20,7 @@ from symfive.identify import Identification
 from symfive.machine import Machine
 from symfive.numbers import plain_number, unit_words
 from symfive.report._over_coordinates import means_along
-from symfive.report._style import Tips, blank, footnote, robust_limit, short, styled
+from symfive.report._style import blank, footnote, robust_limit, short, styled, tip
 from symfive.report._traces import Trace, direction_of, folded, running_mean, spread, traces_of
 
 MOST = 2
@@ -116,8 +116,8 @@ class _Part:
 @styled
 def finding_figure(
     diagnosis: Diagnosis, finding: Finding, visible: Mapping[str, Array], others: Mapping[str, Array] | None = None
-) -> tuple[Figure, Tips]:
-    """Residual before and after over the finding's coordinate, with the effect's own line, and the points' tips.
+) -> Figure:
+    """Residual before and after over the finding's coordinate, with the effect's own line.
 
     `visible` run → (N, ny): the part of its contribution that the fit before could not take; `others` the same of all
     other findings, which is taken off (the residual as it was stays in grey). The reading columns in which the effect
@@ -128,7 +128,6 @@ def finding_figure(
     rows = [(label, coordinate) for label in labels for coordinate in coordinates]
     figure = blank(9.4, 2.25 * len(rows) + 1.05)
     grid = figure.subplots(len(rows), 2, squeeze=False, sharey="row", sharex="row")
-    tips: dict[str, list[str]] = {}
     zoomed, thinned = False, 1
     for i, ((label, unit), coordinate) in enumerate(rows):
         parts = _parts(diagnosis, finding, (visible, others), (label, unit), coordinate)
@@ -136,10 +135,8 @@ def finding_figure(
         zoomed = zoomed or narrowed
         limit = robust_limit(np.concatenate([p.before for p in parts]), 4.0 * max(p.noise for p in parts))
         for j, axes in enumerate(grid[i]):
-            name = f"tip-{i}-{j}"
-            thinned = max(
-                thinned, _draw(axes, parts, coordinate, limit, after=bool(j), name=name, tips=tips, unit=unit)
-            )
+            step = _draw(axes, parts, coordinate, limit, after=bool(j), name=f"tip-{i}-{j}", unit=unit)
+            thinned = max(thinned, step)
             axes.set_xlabel(coordinate.label)
         grid[i, 0].set_ylim(-limit, limit)
         grid[i, 0].set_ylabel(f"{label} / {unit_words(unit)}")
@@ -151,7 +148,7 @@ def finding_figure(
         f"Shown: about {WAVES} waves of the run in which it is strongest." if zoomed else "",
         f"Dots: one row in {thinned}; the lines are means over all rows." if thinned > 1 else "",
     )
-    return figure, tips
+    return figure
 
 
 def _columns(result: Identification, finding: Finding, visible: Mapping[str, Array]) -> list[tuple[str, str]]:
@@ -209,9 +206,8 @@ def _zoom(parts: list[_Part]) -> tuple[list[_Part], bool]:
 
 
 def _draw(
-    axes: Axes, parts: list[_Part], coordinate: Coordinate, limit: float, *, after: bool, name: str,
-    tips: dict[str, list[str]], unit: str,
-) -> int:  # fmt: skip
+    axes: Axes, parts: list[_Part], coordinate: Coordinate, limit: float, *, after: bool, name: str, unit: str
+) -> int:
     noise = max(p.noise for p in parts)
     axes.axhspan(-2.0 * noise, 2.0 * noise, color=FAINT, alpha=0.16, linewidth=0)
     axes.axhline(0.0, color=INK, linewidth=0.6)
@@ -231,8 +227,7 @@ def _draw(
         look = {"markersize": 3.0 if few else 1.3, "alpha": 0.65 if few else 0.3, "rasterized": not few}
         (line,) = axes.plot(at[dots], value[dots], "o", color=colour, markeredgewidth=0.0, **look)  # type: ignore[arg-type]
         if len(at) <= TIPPED_ROWS:
-            line.set_gid(f"{name}-{which % 3}")
-            tips[f"{name}-{which % 3}"] = _said(parts, dots, coordinate, unit)
+            tip(line, f"{name}-{which % 3}", _said(parts, dots, coordinate, unit))
     for which, colour in SENSES:
         if coordinate.axis and np.any(sense == which):
             axes.plot(*means_along(at[sense == which], value[sense == which]), color=colour, linewidth=1.5)

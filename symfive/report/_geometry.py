@@ -14,7 +14,7 @@ from symfive.errors import InputError
 from symfive.identify import Identification
 from symfive.numbers import rounded, unit_words, with_std
 from symfive.parameters import Parameter
-from symfive.report._style import blank, footnote, named_rows, styled
+from symfive.report._style import blank, footnote, named_rows, styled, tip
 from symfive.report._tables import Cell, table
 from symfive.report._words import meaning
 
@@ -22,8 +22,8 @@ MOST_ROWS = 60
 
 
 @styled
-def geometry_chart(before: Identification, after: Identification) -> tuple[Figure, dict[str, list[str]]]:
-    """Location errors before (hollow) and after (full) with ±1σ, one panel a unit, and what hovering says.
+def geometry_chart(before: Identification, after: Identification) -> Figure:
+    """Location errors before (hollow) and after (full) with ±1σ, one panel a unit.
 
     Where the machine file has no location error free, its error motions' coefficients. Raises `InputError` where there
     is neither.
@@ -37,10 +37,9 @@ def geometry_chart(before: Identification, after: Identification) -> tuple[Figur
         units.setdefault(p.unit, []).append(p)
     longest = max(map(len, units.values()))
     figure = blank(4.7 * len(units) if len(units) > 1 else 6.8, 0.34 * longest + 1.25)
-    tips: dict[str, list[str]] = {}
     panels = figure.subplots(1, len(units), squeeze=False)[0]
     for axes, (unit, mine) in zip(panels, units.items(), strict=True):
-        _draw(axes, before, after, mine, unit, tips)
+        _draw(axes, before, after, mine, unit)
     handles = [
         Line2D([], [], color=ORANGE, marker="o", markerfacecolor="none", markersize=5.0, label="before, ±1σ"),
         Line2D([], [], color=BLUE, marker="o", markersize=5.0, label="after, ±1σ"),
@@ -49,21 +48,17 @@ def geometry_chart(before: Identification, after: Identification) -> tuple[Figur
     figure.legend(handles=handles, ncols=2, loc="outside upper right")
     rest = len(parameters) - MOST_ROWS
     footnote(figure, f"{rest} more in the table." if rest > 0 else "")
-    return figure, tips
+    return figure
 
 
-def _draw(
-    axes: Axes, before: Identification, after: Identification, parameters: list[Parameter], unit: str,
-    tips: dict[str, list[str]],
-) -> None:  # fmt: skip
+def _draw(axes: Axes, before: Identification, after: Identification, parameters: list[Parameter], unit: str) -> None:
     for row, p in enumerate(parameters):
         for result, shift, colour, words in ((before, -0.15, ORANGE, "before"), (after, 0.15, BLUE, "after")):
             value, std = result[p.name], result.uncertainty(p.name)
             axes.plot([value - std, value + std], [row + shift] * 2, color=colour, linewidth=1.8, solid_capstyle="butt")
             face = colour if words == "after" else "none"
             (dot,) = axes.plot([value], [row + shift], "o", color=colour, markerfacecolor=face, markersize=5.0)
-            dot.set_gid(f"tip-{p.name}-{words}")
-            tips[f"tip-{p.name}-{words}"] = [f"{p.name} {words}: {with_std(value, std, unit)}"]
+            tip(dot, f"tip-{p.name}-{words}", [f"{p.name} {words}: {with_std(value, std, unit)}"])
         std = after.uncertainty(p.name)
         moved = f"{rounded(before[p.name], std, unit)} → {rounded(after[p.name], std, unit)}"
         axes.text(1.02, row, moved, transform=axes.get_yaxis_transform(), va="center", fontsize=7.5)

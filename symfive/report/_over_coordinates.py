@@ -17,7 +17,7 @@ from symfive.identify import Identification
 from symfive.machine import Axis
 from symfive.numbers import unit_words, with_unit
 from symfive.report._over_time import FEW_ROWS
-from symfive.report._style import blank, footnote, robust_limit, short, styled
+from symfive.report._style import blank, footnote, robust_limit, short, styled, tip
 from symfive.report._traces import Trace, direction_of, folded, moving_axes, spread, traces_of
 
 MOST_POINTS = 6000
@@ -27,6 +27,7 @@ LEAST_ROWS = 4
 SENSES = ((1, BLUE, "moving up"), (-1, ORANGE, "moving down"))
 
 
+@styled
 def residuals_over_coordinates(identification: Identification, runs: str | Iterable[str] | None = None) -> Figure:
     """Every reading's residual against the coordinate of every axis that moves, all runs together.
 
@@ -35,14 +36,6 @@ def residuals_over_coordinates(identification: Identification, runs: str | Itera
     (below `FEW_ROWS`) have none. A turning axis
     that makes more than one turn is folded into one. Raises `InputError` where no axis moves.
     """
-    return coordinates_with_tips(identification, runs)[0]
-
-
-@styled
-def coordinates_with_tips(
-    identification: Identification, runs: str | Iterable[str] | None = None
-) -> tuple[Figure, dict[str, list[str]]]:
-    """The same, and what hovering over the points of few poses says."""
     traces = traces_of(identification, runs, drawn=True)
     machine = identification.model.machine
     moved = moving_axes([trace.run for trace in traces], machine)
@@ -52,14 +45,14 @@ def coordinates_with_tips(
     rows = kinds[:MOST_ROWS]
     figure = blank(max(6.0, min(2.9 * len(moved) + 0.6, 13.0)), 2.1 * len(rows) + 1.0)
     grid = figure.subplots(len(rows), len(moved), squeeze=False, sharey="row", sharex="col")
-    thinned, tips = 1, dict[str, list[str]]()
+    thinned = 1
     for i, (label, unit) in enumerate(rows):
         mine = [trace for trace in traces if (trace.label, trace.unit) == (label, unit)]
         limit = robust_limit(
             np.concatenate([v for t in mine for v in (t.low, t.high)]), 4.0 * max(t.noise.declared for t in mine)
         )
         for j, name in enumerate(moved):
-            thinned = max(thinned, _draw(grid[i, j], machine.axes[name], mine, tips))
+            thinned = max(thinned, _draw(grid[i, j], machine.axes[name], mine))
         grid[i, 0].set_ylim(-limit, limit)
         grid[i, 0].set_ylabel(f"{label} / {unit_words(unit)}")
     for j, name in enumerate(moved):
@@ -74,10 +67,10 @@ def coordinates_with_tips(
         f"Dots: one row in {thinned}; the lines are means over all rows." if thinned > 1 else "",
         f"Drawn: {MOST_ROWS} of {len(kinds)} reading columns." if len(kinds) > MOST_ROWS else "",
     )
-    return figure, tips
+    return figure
 
 
-def _draw(axes: Axes, axis: Axis, traces: Sequence[Trace], tips: dict[str, list[str]]) -> int:
+def _draw(axes: Axes, axis: Axis, traces: Sequence[Trace]) -> int:
     parts = [trace for trace in traces if np.ptp(trace.run.commands[axis.name]) > 1e-9]
     if not parts:
         axes.text(0.5, 0.5, "at rest", transform=axes.transAxes, ha="center", va="center")
@@ -98,8 +91,7 @@ def _draw(axes: Axes, axis: Axis, traces: Sequence[Trace], tips: dict[str, list[
             dots = dots[np.isfinite(value[dots])]
         (line,) = axes.plot(place[dots], single[dots], **style)  # type: ignore[arg-type]
         if few and len(place) < FEW_ROWS:
-            line.set_gid(f"tip-{axis.name}-{traces[0].label}-{which % 3}")
-            tips[str(line.get_gid())] = _said(parts, dots, place, axis)
+            tip(line, f"tip-{axis.name}-{traces[0].label}-{which % 3}", _said(parts, dots, place, axis))
         if len(place) >= FEW_ROWS:
             means = means_along(place[sense == which], value[sense == which])
             axes.plot(*means, color=colour, linewidth=1.5, marker="o" if few else "", markersize=3.5)

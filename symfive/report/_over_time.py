@@ -31,6 +31,7 @@ PIECES = 1500
 NAMED_OUTLIERS = 3
 
 
+@styled
 def residuals_over_time(identification: Identification, runs: str | Iterable[str] | None = None) -> Figure:
     """Residual of every reading, run by run, on one common scale per unit.
 
@@ -38,14 +39,6 @@ def residuals_over_time(identification: Identification, runs: str | Iterable[str
     for each pose. Grey: ±2σ of the noise that the run declares; dotted: ±2σ of the noise that the fit found, where it is
     larger; ringed: outliers, which the fit excluded (at the edge, with their value, where they lie outside the panel).
     """
-    return residuals_with_tips(identification, runs)[0]
-
-
-@styled
-def residuals_with_tips(
-    identification: Identification, runs: str | Iterable[str] | None = None
-) -> tuple[Figure, dict[str, list[str]]]:
-    """The same, and what hovering over the points of static runs says."""
     panels = by_panel(traces_of(identification, runs, drawn=True))
     drawn = list(panels.items())[:MOST_PANELS]
     every = [trace for _, traces in drawn for trace in traces]
@@ -54,14 +47,14 @@ def residuals_with_tips(
     figure = blank(9.0, max(2.6, 1.45 * rows + 1.0))
     grid = figure.subplots(rows, columns, squeeze=False)
     limits = _limits(every)
-    steps, tips = {1}, dict[str, list[str]]()
+    steps = {1}
     tipped = sum(trace.run.rows for trace in every if not trace.run.dynamic) <= TIPPED_ROWS
     alike = len({trace.run.dynamic for trace in every}) == 1
     for place, ((run, unit), traces) in enumerate(drawn):
         axes = grid[place // columns, place % columns]
         steps.add(_draw(axes, traces, limits[unit]))
         if tipped and not traces[0].run.dynamic:
-            tips |= _tips(traces, limits[unit])
+            figure.tips |= _tips(traces, limits[unit])
         axes.set_title(short(run, 48))
         axes.set_ylim(-limits[unit], limits[unit])
         axes.set_ylabel(unit_words(unit))
@@ -81,7 +74,7 @@ def residuals_with_tips(
         else "",
         f"Drawn: the first {MOST_PANELS} of {len(panels)} panels." if len(panels) > MOST_PANELS else "",
     )
-    return figure, tips
+    return figure
 
 
 def _limits(traces: list[Trace]) -> dict[str, float]:

@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from symfive.drawing import BLUE, FAINT, GRID, INK, ORANGE, PAPER, page, templates
 from symfive.drawing import SCRIPT as POSES
 from symfive.outputs import write_text
-from symfive.report._style import Tips, rendered
+from symfive.report._style import TippedFigure, rendered
 
 _THEME = {INK: "var(--ink)", FAINT: "var(--faint)", GRID: "var(--grid)", PAPER: "var(--card)", BLUE: "var(--blue)",
           ORANGE: "var(--orange)"}  # fmt: skip
@@ -39,15 +39,12 @@ def write_page(path: Path, title: str, body: Markup) -> None:
     write_text(path, page(title, body, style=asset("page.css"), script=script))
 
 
-def embedded(figure: Figure, name: str, title: str, reading: str, tips: Tips | None = None) -> Markup:
-    """A `<figure>` with the drawing inline, its colours tied to the page's theme, and how to read it as caption.
-
-    `tips` by the id (gid) of a drawn artist: what hovering over each of its points says.
-    """
+def embedded(figure: Figure, name: str, title: str, reading: str) -> Markup:
+    """A `<figure>` with the drawing inline, its tips, its colours tied to the page's theme, and how to read it as caption."""
     svg = rendered(figure, "svg").decode()
     svg = svg[svg.index("<svg") :]
     svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
-    for key, texts in (tips or {}).items():
+    for key, texts in figure.tips.items() if isinstance(figure, TippedFigure) else ():
         svg = _tipped(svg, key, texts)
     svg = re.sub(r'\bid="', f'id="{name}-', svg)
     svg = re.sub(r"url\(#", f"url(#{name}-", svg)

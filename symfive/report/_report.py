@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from markupsafe import Markup
@@ -15,14 +16,14 @@ from symfive.identify import Identification
 from symfive.numbers import expected_ratio, with_unit
 from symfive.outputs import write_bytes
 from symfive.report._correlation import correlation_matrix
-from symfive.report._over_coordinates import coordinates_with_tips
-from symfive.report._over_time import residuals_with_tips
+from symfive.report._over_coordinates import residuals_over_coordinates
+from symfive.report._over_time import residuals_over_time
 from symfive.report._page import embedded, fragment, sentences, write_page
 from symfive.report._parameters import error_motion_bands, parameters_chart
 from symfive.report._polar import polar_trace
 from symfive.report._spectrum import residual_spectrum
 from symfive.report._standards import standards_section, worth_section
-from symfive.report._style import Tips, rendered
+from symfive.report._style import rendered
 from symfive.report._tables import noise_table, outlier_table, parameter_table, setup_table
 from symfive.report._words import confounded_machine, confounded_setup, verdict
 from symfive.screen import plural
@@ -40,61 +41,58 @@ HEADLINES = {
 
 @dataclass(frozen=True)
 class Drawing:
-    """One figure of the report: file `name`, `title`, how to read it, and what draws it and says what hovering tells."""
+    """One figure of the report: file `name`, `title`, how to read it, and what draws it."""
 
     name: str
     title: str
     reading: str
-    draw: Callable[[Identification], tuple[Figure, Tips]]
-
-
-def _plain(draw: Callable[[Identification], Figure]) -> Callable[[Identification], tuple[Figure, Tips]]:
-    """A drawing that says nothing more where one hovers."""
-    return lambda identification: (draw(identification), {})
+    draw: Callable[[Identification], Figure]
 
 
 FIGURES = (
     Drawing("parameters", "Identified parameters",
             "Dot and line: value and 95 % interval. Grey bar: prior ±1σ. Hollow: the readings add nothing to the prior.",
-            _plain(parameters_chart)),
+            parameters_chart),
     Drawing("polar-trace", "Circular tests",
             "Left of each pair: measured (dashed: fitted model). Right: residual, magnified further. A circle is good. A gap "
             "between the two directions at an axis points to backlash, a fixed oval to squareness or scale.",
-            _plain(polar_trace)),
+            polar_trace),
     Drawing("residuals-over-time", "Residuals over time",
             "Measured minus modelled, over time in s or the number of the pose. Good: noise around zero within the grey band, no "
             "waves, no steps. A single pose far out may be a misreading.",
-            residuals_with_tips),
+            residuals_over_time),
     Drawing("residuals-over-coordinates", "Residuals over the axes",
             "Residual over the position of each axis (mm or °). Two separate lines: the error depends on the direction of motion "
             "(backlash, friction, lag). Two lines that bend together: a geometric error.",
-            coordinates_with_tips),
+            residuals_over_coordinates),
     Drawing("residual-spectrum", "Spectrum of the residuals",
             "Amplitude of the residual over frequency in 1/s, or over order (waves per revolution). Peaks above the dashed line "
             "are not noise: at a fixed frequency a vibration, at a fixed order an error that repeats every revolution.",
-            _plain(residual_spectrum)),
+            residual_spectrum),
     Drawing("error-motions", "Identified error motions",
             "Error over the travel used, with its uncertainty. Where the band contains zero, no error is proven.",
-            _plain(error_motion_bands)),
+            error_motion_bands),
     Drawing("correlations", "Correlations",
             "Strong colour: the readings determine a combination of the two parameters, not each of them.",
-            _plain(correlation_matrix)),
+            correlation_matrix),
 )  # fmt: skip
 
 
-def drawings(identification: Identification) -> Iterator[tuple[Drawing, Figure, Tips]]:
-    """The figures that this identification has something for, and what hovering over them tells."""
-    for drawing in FIGURES:
-        try:
-            figure, tips = drawing.draw(identification)
-        except InputError:
-            continue  # nothing to draw: no circle among the runs, no error motion in the machine file
-        yield drawing, figure, tips
+def placed(name: str, title: str, reading: str, draw: Callable[[], Figure], folder: Path | None) -> Markup:
+    """A figure on the page and, in a `folder`, as PNG; nothing where there is nothing to draw."""
+    try:
+        figure = draw()
+    except InputError:
+        return Markup()  # no circle among the runs, no error motion in the machine file
+    if folder is not None:
+        write_bytes(folder / f"{name}.png", rendered(figure, "png"))
+    return embedded(figure, name, title, reading)
 
 
-def keep(figure: Figure, name: str, folder: Path) -> None:
-    """Write one figure as PNG."""
-    write_bytes(folder / f"{name}.png", rendered(figure, "png"))
+def drawn(name: str, identification: Identification, folder: Path | None) -> Markup:
+    """The figure of that name in the report of an identification."""
+    drawing = next(drawing for drawing in FIGURES if drawing.name == name)
+    return placed(name, drawing.title, drawing.reading, partial(drawing.draw, identification), folder)
 
 
 def save_figures(
@@ -110,7 +108,11 @@ def save_figures(
             raise InputError(f'figures cannot be written as "{format}"', remedy=f"use one of {', '.join(FORMATS)}")
     folder = Path(folder)
     written = []
-    for drawing, figure, _ in drawings(identification):
+    for drawing in FIGURES:
+        try:
+            figure = drawing.draw(identification)
+        except InputError:
+            continue  # as in `placed`
         for format in formats:
             written.append(folder / f"{drawing.name}.{format}")
             write_bytes(written[-1], rendered(figure, format))
@@ -128,7 +130,7 @@ def identification_report(
     parameter with 1σ, 95 % interval, unit and prior, noise found against declared, outliers by file, row and column,
     set-up of each run, and the figures. Tables sort by a click; light or dark as the reader's system; prints.
     """
-    path = Path(folder) / NAME
+    path, target = Path(folder) / NAME, None if figures is None else Path(figures)
     machine = identification.model.machine
     title = f"Identification of {machine.name}"
     setup = confounded_setup(identification)
@@ -145,7 +147,7 @@ def identification_report(
         outliers=outlier_table(identification) if identification.outliers else "",
         setup=setup_table(identification) if any(p.of_setup for p in parameters) else "",
         poses=Markup(poses_figure(identification.model.campaign)),
-        figures=_figures(identification, None if figures is None else Path(figures)),
+        figures=[drawn(each.name, identification, target) for each in FIGURES],
     )  # fmt: skip
     write_page(path, title, body)
     return path
@@ -174,10 +176,3 @@ def _quality(identification: Identification) -> str:
         f"{identification.chi2_dof_whitened:.4g} against the estimated noise; {identification.dof:.0f} degrees of freedom: "
         f"{expected_ratio(identification.dof)}"
     )
-
-
-def _figures(identification: Identification, target: Path | None) -> Iterator[Markup]:
-    for drawing, figure, tips in drawings(identification):
-        if target is not None:
-            keep(figure, drawing.name, target)
-        yield embedded(figure, drawing.name, drawing.title, drawing.reading, tips)

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 from matplotlib import rc_context
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import LinearSegmentedColormap
@@ -37,8 +38,6 @@ SEQUENTIAL = LinearSegmentedColormap.from_list("symfive_sequential", ["#f7f8f9",
 _DPI = 150
 _RESOLUTION = {"svg": 110}
 
-Tips = Mapping[str, Sequence[str]]
-"""By id (gid) of a drawn artist: what hovering over each of its points says."""
 P = ParamSpec("P")
 T = TypeVar("T")
 
@@ -54,11 +53,27 @@ def styled(draw: Callable[P, T]) -> Callable[P, T]:
     return drawn
 
 
-def blank(width: float, height: float, *, arranged: bool = True) -> Figure:
+class TippedFigure(Figure):
+    """A figure with `tips`: by the id (gid) of a drawn artist what hovering over each of its points says."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(**options)
+        self.tips: dict[str, Sequence[str]] = {}
+
+
+def blank(width: float, height: float, *, arranged: bool = True) -> TippedFigure:
     """An empty figure (inches) that belongs to no window and no global state; `arranged`: it places its axes itself."""
-    figure = Figure(figsize=(width, height), dpi=_DPI, layout="constrained" if arranged else None)
+    figure = TippedFigure(figsize=(width, height), dpi=_DPI, layout="constrained" if arranged else None)
     FigureCanvasAgg(figure)
     return figure
+
+
+def tip(artist: Artist, name: str, said: Sequence[str]) -> None:
+    """Name an artist of a `blank` figure and say what hovering over each of its points tells."""
+    artist.set_gid(name)
+    figure = artist.get_figure()
+    assert isinstance(figure, TippedFigure)
+    figure.tips[name] = said
 
 
 def rendered(figure: Figure, format: str) -> bytes:
