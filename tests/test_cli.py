@@ -330,9 +330,7 @@ def test_progress_is_told_from_two_seconds_on(symfive, tmp_path, monkeypatch):
     assert " s  " not in answer.out
 
 
-def test_plan_of_few_poses(symfive, tmp_path):
-    if "plan" not in COMMANDS:
-        pytest.skip("there is no verb plan yet")
+def test_plan_names_what_it_cannot_take(symfive, tmp_path):
     write_machine(preset("oyama-2010"), tmp_path / "machine.toml")
     refused(symfive("plan", tmp_path / "absent.toml", "-o", tmp_path / "p"), "absent.toml")
     refused(symfive("plan", tmp_path / "machine.toml", "-o", tmp_path / "p", "--for", "EX9Q", "-q"), "EX9Q")

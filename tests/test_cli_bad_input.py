@@ -21,48 +21,21 @@ def fitted(tmp_path_factory) -> Path:
     return folder
 
 
-CELLS = [
-    ("text", 5, "C_deg", "north", "is not a number"),
-    ("NaN", 6, "dL_um", "nan", "not a finite number"),
-    ("infinity", 7, "X_mm", "inf", "not a finite number"),
-    ("time", 8, "t_s", "0.5", "time does not increase"),
-    ("travel", 9, "X_mm", "5000.0", "outside its travel"),
-]
-
-
-@pytest.mark.parametrize(("line", "name", "value", "says"), [c[1:] for c in CELLS], ids=[c[0] for c in CELLS])
-def test_a_wrong_cell_is_named_by_file_line_and_column(symfive, broken, line, name, value, says):
-    path = broken / "low.csv"
-    column = path.read_text().split("\n", 1)[0].split(",").index(name) + 1
-    cell(path, line, column, value)
-    answer = symfive("identify", broken, "-o", broken.parent / "out")
-    refused(answer, "low.csv", f"line {line}", f"column {column}", says)
+@pytest.mark.parametrize(
+    ("file", "damage", "says"),
+    [
+        ("low.csv", lambda path: cell(path, 5, 1, "north"), ("line 5", "column 1", "is not a number")),
+        ("low.csv", lambda path: path.write_bytes(path.read_bytes()[:-25]), ("truncated",)),
+        ("low.csv", lambda path: path.unlink(), ("there is no such file",)),
+        ("campaign.toml", lambda path: spoil(path, "[[run]]", "[[run"), ("line",)),
+        ("machine.toml", lambda path: spoil(path, "structure = ", "structur = "), ("structural code",)),
+    ],
+)
+def test_damaged_files_are_refused_and_nothing_is_written(symfive, broken, file, damage, says):
+    """What is wrong with rows and keys is looked at in test_campaign, whole files in test_bad_input."""
+    damage(broken / file)
+    refused(symfive("identify", broken, "-o", broken.parent / "out", "--json"), file, *says)
     assert not (broken.parent / "out").exists()
-
-
-HEADERS = [
-    ("missing", "dL_um", None, "is missing"),
-    ("unknown", "dL_um", "dL_um,extra_um", "column"),
-    ("unit", "C_deg", "C_rad", "wrong unit"),
-    ("axis", "C_deg", "Q_deg", "no axis Q"),
-]
-
-
-@pytest.mark.parametrize(("old", "new", "says"), [h[1:] for h in HEADERS], ids=[h[0] for h in HEADERS])
-def test_a_wrong_header(symfive, broken, old, new, says):
-    path = broken / "low.csv"
-    header, rest = path.read_text().split("\n", 1)
-    names = header.split(",")
-    if new is None:  # a command column goes, header and cells
-        drop = names.index("C_deg")
-        lines = [
-            ",".join(c for i, c in enumerate(line.split(",")) if i != drop) for line in (header, *rest.splitlines())
-        ]
-        path.write_text("\n".join(lines))
-    else:
-        path.write_text(header.replace(old, new) + "\n" + rest)
-    answer = symfive("assess", broken)
-    refused(answer, "low.csv", "line 1", says)
 
 
 @pytest.mark.parametrize(
@@ -70,48 +43,6 @@ def test_a_wrong_header(symfive, broken, old, new, says):
 )
 def test_a_seed_that_is_none(symfive, tmp_path, seed, says):
     refused(symfive("simulate", NESTS, "-o", tmp_path / "out", "--seed", seed), "--seed", seed, says)
-
-
-FILES = [
-    ("empty", lambda p: p.write_bytes(b""), "the file is empty"),
-    ("header-only", lambda p: p.write_text(p.read_text().split("\n", 1)[0] + "\n"), "no rows"),
-    ("binary", lambda p: p.write_bytes(bytes(range(256)) * 20), "low.csv"),
-    ("utf-16", lambda p: p.write_bytes(p.read_text().encode("utf-16")), "UTF-16"),
-    ("latin-1", lambda p: p.write_bytes(p.read_bytes().replace(b"t_s", b"t_\xb5s")), "UTF-8"),
-    ("truncated", lambda p: p.write_bytes(p.read_bytes()[:-25]), "truncated"),
-    ("gone", lambda p: p.unlink(), "there is no such file"),
-    ("folder", lambda p: (p.unlink(), p.mkdir()), "this is a folder"),
-]
-
-
-@pytest.mark.parametrize(("damage", "says"), [f[1:] for f in FILES], ids=[f[0] for f in FILES])
-def test_a_damaged_recording(symfive, broken, damage, says):
-    damage(broken / "low.csv")
-    answer = symfive("identify", broken, "-o", broken.parent / "out", "--json")
-    refused(answer, "low.csv", says)
-    assert not (broken.parent / "out").exists()
-
-
-def test_a_huge_file_is_refused_before_it_is_read(symfive, broken):
-    with (broken / "low.csv").open("r+b") as stream:
-        stream.truncate(200_000_000_000)  # sparse
-    refused(symfive("assess", broken), "low.csv", "bytes")
-
-
-TOML = [
-    ("campaign.toml", 'instrument = "ball_bar"', 'instrument = "yardstick"', "yardstick"),
-    ("campaign.toml", 'sampling = "static"', 'sampling = "sometimes"', "sometimes"),
-    ("campaign.toml", "[[run]]", "[[run", "line"),
-    ("campaign.toml", "noise_um = ", "noise_um = -", "noise_um"),
-    ("machine.toml", "structure = ", "structur = ", "structural code"),
-    ("machine.toml", "sigma", "sygma", "sigma"),
-]
-
-
-@pytest.mark.parametrize(("file", "old", "new", "says"), TOML, ids=[t[2][:12] for t in TOML])
-def test_a_wrong_toml_file(symfive, broken, file, old, new, says):
-    spoil(broken / file, old, new)
-    refused(symfive("assess", broken), file, says)
 
 
 def test_a_plan_has_nothing_to_identify(symfive, small_plan, tmp_path):
@@ -158,28 +89,12 @@ def test_joining_another_machine(symfive, tmp_path):
     refused(answer, "join campaigns of one machine")
 
 
-def test_an_output_that_is_a_file(symfive, small_plan, tmp_path):
-    (tmp_path / "o").write_text("mine")
-    refused(symfive("simulate", small_plan, "-o", tmp_path / "o"), "a file of that name exists")
-    assert (tmp_path / "o").read_text() == "mine"
-
-
 def test_nothing_is_half_written_when_the_figures_fail(symfive, tmp_path, monkeypatch):
     def fails(*arguments, **options):
         raise MemoryError
 
     monkeypatch.setattr("symfive.report.identification_report", fails)
     refused(symfive("identify", BAR, "-o", tmp_path / "o", "-q"), "memory")
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_an_interruption_writes_nothing(symfive, tmp_path, monkeypatch):
-    def interrupted(*arguments, **options):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("symfive.results.write_model", interrupted)
-    answer = symfive("identify", BAR, "-o", tmp_path / "o", "-q", "--no-figures")
-    assert answer.code == 130
     assert list(tmp_path.iterdir()) == []
 
 

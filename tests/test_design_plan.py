@@ -184,12 +184,14 @@ def test_every_preset_machine_has_a_space(name: str) -> None:
         assert all(np.isfinite(v).all() for v in commands.values())
 
 
-def test_assessment_names_the_worthless_row() -> None:
+def test_assessment_names_the_best_row_by_its_line_in_an_editor() -> None:
     (run,) = r_test_grid(OYAMA, grid={"B": (0.0, 60.0), "C": (0.0, 90.0)}, nests=((80.0, 0.0, 60.0),), returning=False)
     found = assess(Campaign(machine=OYAMA, runs=(run,)))
     assert found.rank < len(found.parameters) and found.confounded
     assert found.run_worth[run.id] > 0.0 and found.worth[run.id].shape == (4,)
-    assert found.most()[0] == run.id
+    best, row = found.most()
+    assert best == run.id and found.to_data()["tells_most"]["row"] == row + 2
+    assert f"line {row + 2} of run {run.id}" in str(found)
 
 
 TSUTSUMI = preset("tsutsumi-2007")
@@ -220,14 +222,6 @@ def test_ninety_poses_for_the_worst_known_direction() -> None:
     """Most poses tell nothing about a single direction: their sensitivity is 0 but for rounding, on either side of it."""
     made = plan(location_only("table-bc"), criterion="E", points=90, setups=1, starts=1, anywhere=False, prove=False)
     assert made.certificate.efficiency > 0.99
-
-
-def test_lines_are_counted_as_an_editor_does() -> None:
-    (run,) = r_test_grid(OYAMA, grid={"B": (0.0, 60.0), "C": (0.0, 90.0)}, nests=((80.0, 0.0, 60.0),), returning=False)
-    found = assess(Campaign(machine=OYAMA, runs=(run,)))
-    _, row = found.most()
-    assert found.to_data()["tells_most"]["row"] == row + 2
-    assert f"line {row + 2} of run {run.id}" in str(found)
 
 
 @pytest.mark.slow

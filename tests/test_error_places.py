@@ -1,12 +1,11 @@
 """Errors carry the line and the path of the key they speak of."""
 
-import copy
 from pathlib import Path
 
 import pytest
 import test_bad_input
 import tomlkit
-from test_bad_input import CAMPAIGN, MACHINE
+from test_bad_input import CAMPAIGN, MACHINE, mutated
 
 from symfive.campaign import read_campaign
 from symfive.errors import InputError
@@ -62,16 +61,6 @@ def test_line_of_keys_in_blocks_of_blocks():
     assert file.line("run", 1, "s", 1, "t", "b") == 10 and file.line("run", 1, "s", 7) == 4
 
 
-def with_a_change(data, *change):
-    *keys, last, value = change
-    data = copy.deepcopy(data)
-    inner = data
-    for key in keys:
-        inner = inner[key]
-    inner[last] = value
-    return data
-
-
 WRONG_IN_A_MACHINE = [  # whatever words stand in the sentence: a drive whose axis is called "viscous", an effect "EX0C"
     ("axes", "C", "drive", "viscous", -1.0),
     ("axes", "X", "travel", [5.0, -5.0]),
@@ -99,7 +88,7 @@ WRONG_IN_A_CAMPAIGN = [
 @pytest.mark.parametrize("change", WRONG_IN_A_MACHINE, ids=lambda c: ".".join(map(str, c[:-1])))
 def test_an_error_carries_the_path_of_its_key(tmp_path, change):
     path = tmp_path / "machine.toml"
-    path.write_text(toml_text(with_a_change(MACHINE, *change), sections=("axes", "errors")))
+    path.write_text(toml_text(mutated(MACHINE, change[:-1], change[-1]), sections=("axes", "errors")))
     with pytest.raises(InputError) as caught:
         read_machine(path)
     assert caught.value.keys == change[:-1]
@@ -110,7 +99,7 @@ def test_an_error_carries_the_path_of_its_key(tmp_path, change):
 @pytest.mark.parametrize("change", WRONG_IN_A_CAMPAIGN, ids=lambda c: ".".join(map(str, c[:-1])))
 @pytest.mark.parametrize("name", ["file", "sampling"])
 def test_an_error_carries_the_path_of_its_key_whatever_the_runs_are_called(campaign_folder, change, name):
-    data = with_a_change(CAMPAIGN, *change)
+    data = mutated(CAMPAIGN, change[:-1], change[-1])
     if change[2] != "id":
         data["run"][change[1]]["id"] = name  # a key's name in the sentence is not the key
     path = campaign_folder / "mutated.toml"

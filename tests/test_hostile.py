@@ -230,17 +230,10 @@ def test_no_file_has_a_nul_in_its_name(here, capsys, words):
     assert "cannot be the name of a file" in refused(capsys, *words)
 
 
-def test_random_calls_end_in_a_result_or_a_sentence(here):
+@pytest.mark.parametrize(("seed", "count"), [(7, 25), pytest.param(8, 300, marks=pytest.mark.slow)])
+def test_random_calls_end_in_a_result_or_a_sentence(here, seed, count):
     """A sample; `python -m tests.fuzz.verbs 10000` makes as many as one likes."""
-    calls = Calls(here, random.Random(7))
-    for _ in range(25):
-        calls.one()
-    assert not calls.wrong, calls.wrong
-
-
-@pytest.mark.slow
-def test_some_hundred_random_calls_end_in_a_result_or_a_sentence(here):
-    calls = Calls(here, random.Random(8))
-    for _ in range(300):
+    calls = Calls(here, random.Random(seed))
+    for _ in range(count):
         calls.one()
     assert not calls.wrong, calls.wrong
