@@ -1,4 +1,4 @@
-"""Recordings of the independent plant in which an effect hides, and their diagnoses."""
+"""Recordings of the independent plant with its effects, and their diagnoses."""
 
 from __future__ import annotations
 
@@ -28,9 +28,10 @@ def read_by_the_plant(
     effects: list[dict],
     seed: int = 5,
     options: plant.NoiseOptions | None = None,
+    errors: dict[str, float] | None = None,
 ) -> Campaign:
     more = {} if options is None else {"noise_options": options}
-    plant.write_campaign(folder, machine, runs, {}, None, effects, seed=seed, **more)
+    plant.write_campaign(folder, machine, runs, errors or {}, None, effects, seed=seed, **more)
     return read_campaign(folder)
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import plant
 import pytest
+from concealed_world import grid_runs, names_of, read_by_the_plant
 
 from symfive.campaign import Campaign, Run, read_campaign
 from symfive.diagnose import Diagnosis, Fit, amend, cross_validated, diagnose, place_words
@@ -84,7 +85,7 @@ def test_observability_is_told_before_any_verdict(sag_and_drift):
 @pytest.mark.slow
 def test_a_backlash_that_the_fit_swallows_is_found_on_dynamic_recordings():
     result = _open("dynamic-backlash")
-    assert [(f.name, f.axis) for f in result.findings] == [("backlash", "C")]
+    assert names_of(result) == [("backlash", "C")]
     finding = result.findings[0]
     assert finding.parameters["width"].value == pytest.approx(80.0, rel=0.1)
     assert finding.visible < 0.5 and finding.confidence > 0.95
@@ -94,12 +95,8 @@ def test_a_backlash_that_the_fit_swallows_is_found_on_dynamic_recordings():
 def _simulated(tmp_path: Path, effects: list[dict], seed: int = 3, turn_deg: float = 45.0) -> Diagnosis:
     machine = plant.static_table()
     poses = plant.grid_poses(np.arange(-90, 91, 45.0), np.arange(0, 316, turn_deg))
-    runs = [
-        plant.r_test(machine, "nest1", nest=(90, -20, 50), poses=poses, start_s=0.0),
-        plant.r_test(machine, "nest2", nest=(50, 40, 150), poses=poses, start_s=1500.0),
-    ]
-    plant.write_campaign(tmp_path / "c", machine, runs, {"EX0B": 30.0, "EA0C": -40.0}, None, effects, seed=seed)
-    return diagnose(read_campaign(tmp_path / "c"))
+    runs, errors = grid_runs(machine, poses), {"EX0B": 30.0, "EA0C": -40.0}
+    return diagnose(read_by_the_plant(tmp_path / "c", machine, runs, effects, seed=seed, errors=errors))
 
 
 BACKLASH = {"effect": "backlash", "axis": "B", "width": 40.0}
@@ -130,7 +127,7 @@ def test_effects_of_the_independent_plant_are_named(name, tmp_path):
 def test_a_sag_that_comes_back_by_another_way_is_one_effect(tmp_path):
     sag = {"effect": "gravity_sag", "axis": "B", "component": "EZB", "amplitude": 9.0, "form": "hysteresis"}
     result = _simulated(tmp_path, [sag], seed=11)
-    assert [(f.name, f.axis) for f in result.findings] == [("gravity_sag", "B")]
+    assert names_of(result) == [("gravity_sag", "B")]
     assert result.fit.chi2_dof_after < 1.1
     found = result.findings[0].parameters
     assert found["amplitude"].value == pytest.approx(9.0, rel=0.05)
@@ -143,7 +140,7 @@ def test_a_form_that_differs_from_the_librarys_brings_no_second_effect(tmp_path)
     """A sag whose way back takes over bit by bit over 60° and more."""
     sag = {"effect": "gravity_sag", "axis": "B", "component": "EZB", "amplitude": 30.0, "form": "hysteresis"}
     result = _simulated(tmp_path, [sag | {"branch": 0.3, "distance_deg": 60.0}], seed=11)
-    assert [(f.name, f.axis) for f in result.findings] == [("gravity_sag", "B")]
+    assert names_of(result) == [("gravity_sag", "B")]
     assert result.fit.chi2_dof_after < 1.1
 
 
@@ -152,7 +149,7 @@ def test_a_form_that_differs_from_the_librarys_brings_no_second_effect(tmp_path)
 def test_heat_that_comes_late_is_one_drift_with_its_onset(tmp_path):
     heat = {"effect": "thermal_drift", "direction": [0.6, 0.0, 0.8], "amplitude": 12.0, "time_constant_s": 700.0}
     result = _simulated(tmp_path, [heat | {"form": "onset", "onset_s": 1100.0}], seed=11)
-    assert [(f.name, f.axis) for f in result.findings] == [("thermal_drift", None)]
+    assert names_of(result) == [("thermal_drift", None)]
     assert result.fit.chi2_dof_after < 1.1
     said = result.findings[0].parameters
     assert 1002.0 < said["onset_s"].value < 1500.0  # in the pause; where there, nothing tells
@@ -163,22 +160,8 @@ def test_heat_that_comes_late_is_one_drift_with_its_onset(tmp_path):
 @pytest.mark.slow
 def test_without_the_true_effect_in_the_catalogue_the_answer_is_unknown_over_the_right_coordinate(tmp_path):
     machine = plant.static_table()
-    poses = plant.grid_poses(np.arange(-90, 91, 30.0), np.arange(0, 331, 30.0))
-    runs = [
-        plant.r_test(machine, "nest1", nest=(90, -20, 50), poses=poses, start_s=0.0),
-        plant.r_test(machine, "nest2", nest=(50, 40, 150), poses=poses, start_s=1500.0),
-    ]
-    drift = {
-        "effect": "thermal_drift",
-        "axis": None,
-        "amplitude": 12.0,
-        "direction": [0.0, 0.6, 0.8],
-        "time_constant_s": 900.0,
-    }
-    plant.write_campaign(tmp_path / "c", machine, runs, {}, None, [drift], seed=5)
-    result = diagnose(
-        read_campaign(tmp_path / "c"), exclude=("thermal_drift", "axis_growth", "spindle_growth", "table_growth")
-    )
+    lacking = ("thermal_drift", "axis_growth", "spindle_growth", "table_growth")
+    result = diagnose(read_by_the_plant(tmp_path / "c", machine, grid_runs(machine), [DRIFT]), exclude=lacking)
     assert result.findings[0].name == "unknown"
     assert result.findings[0].coordinate == "t"
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import plant
 import pytest
+from concealed_world import circle_runs, read_by_the_plant
 
 from symfive.campaign import Campaign, read_campaign
 from symfive.diagnose import (
@@ -46,17 +47,9 @@ from symfive.simulate import simulate
 CAMPAIGNS = Path(__file__).parent / "data" / "campaigns"
 
 
-def _circles(tmp_path: Path, feeds: tuple[float, ...], effects: list[dict], seed: int, name: str) -> Campaign:
+def _circles(folder: Path, feeds: tuple[float, ...], effects: list[dict], seed: int) -> Campaign:
     machine = plant.planar_table()
-    runs = [
-        plant.planar_circle(
-            machine, f"xy-f{f:g}-{'ccw' if d > 0 else 'cw'}", centre=(0.0, 0.0, 80.0), feed=f, direction=d
-        )
-        for f in feeds
-        for d in (1, -1)
-    ]
-    plant.write_campaign(tmp_path / name, machine, runs, {}, None, effects, seed=seed)
-    return read_campaign(tmp_path / name)
+    return read_by_the_plant(folder, machine, circle_runs(machine, feeds), effects, seed)
 
 
 @pytest.mark.slow
@@ -126,7 +119,7 @@ def test_a_clean_fit_passes_all_tests(name):
 def test_an_effect_below_the_noise_shows_as_one_parameter_that_is_not_the_same_in_both_directions(tmp_path):
     """0.1 µm of play under 0.3 µm of noise: the residual is clean, squareness is not the same clockwise and back."""
     play = [{"effect": "backlash", "axis": "X", "width": 0.1}]
-    detection = detect(_circles(tmp_path, (800.0,), play, 4, "c"))
+    detection = detect(_circles(tmp_path / "c", (800.0,), play, 4))
     assert detection.disagreements[0].parameter == "EC0X" and detection.disagreements[0].between == "direction"
     assert np.sqrt(detection.fit.chi2_dof) < 1.05
     ccw, cw = detection.disagreements[0].values.values()
@@ -160,8 +153,7 @@ def test_a_tone_is_found_at_its_frequency_over_runs_that_are_minutes_apart(tmp_p
         for i, d in enumerate((1, -1))
     ]
     tone = {"effect": "vibration", "frequency_hz": 6.71856, "amplitude": 2.0, "direction": [0.8, 0.6, 0.0]}
-    plant.write_campaign(tmp_path / "c", machine, runs, {}, None, [tone], seed=6)
-    location = locate(read_campaign(tmp_path / "c"))
+    location = locate(read_by_the_plant(tmp_path / "c", machine, runs, [tone], seed=6))
     first = location.suspects[0]
     assert first.effect.id == "vibration" and first.effect.frequency_hz == pytest.approx(6.71856, abs=1e-3)
     assert len(first.intervals) <= 40
@@ -169,7 +161,7 @@ def test_a_tone_is_found_at_its_frequency_over_runs_that_are_minutes_apart(tmp_p
 
 
 def test_runs_are_parted_by_what_they_differ_in(tmp_path):
-    groups = partitions(_circles(tmp_path, (800.0, 2400.0), [], 1, "c"))
+    groups = partitions(_circles(tmp_path / "c", (800.0, 2400.0), [], 1))
     assert [len(ids) for ids in groups["feed"].values()] == [2, 2]
     assert set(groups["direction"]) == {"XY counter-clockwise", "XY clockwise"}
 
@@ -179,7 +171,7 @@ def test_backlash_hides_in_servo_mismatch_by_64_over_9_pi_squared_on_one_feed(tm
     """Energy of sgn(sin θ)·cos θ in the span of sin 2θ; a second feed brings back what the first one hides."""
     seen = {}
     for feeds in ((800.0,), (800.0, 2400.0)):
-        campaign = _circles(tmp_path, feeds, [], 3, f"c{len(feeds)}")
+        campaign = _circles(tmp_path / f"c{len(feeds)}", feeds, [], 3)
         gain = EffectEntry(effect="servo_mismatch", axis="X", options={"gains": ("position_gain",)})
         held = replace(campaign.machine, effects=(*campaign.machine.effects, gain))
         location = locate(identify(campaign.with_machine(held), noise="declared"))
@@ -224,8 +216,7 @@ def test_where_no_single_test_parts_all_that_reads_alike_the_next_ones_come_toge
     poses = plant.grid_poses(np.arange(-90, 91, 30.0), np.arange(0, 331, 30.0))
     machine = plant.static_table()
     bar = plant.static_ball_bar(machine, "bar-x", table_ball=(0.0, 0.0, 140.0), poses=np.vstack([poses, poses[::-1]]))
-    plant.write_campaign(tmp_path / "c", machine, [bar], {}, None, [], seed=5)
-    measured = read_campaign(tmp_path / "c")
+    measured = read_by_the_plant(tmp_path / "c", machine, [bar], [])
     tilt, side, yaw = (make_effect("lateral_play", component=c).prepare(measured) for c in ("EBZ", "EXZ", "ECY"))
     for first, others in ((tilt, (side, yaw)), (yaw, (tilt, side))):
         test = next_test(measured, first, *others)
@@ -282,7 +273,7 @@ def test_an_alias_is_named_with_its_rival_and_told_apart_by_the_test_it_asks_for
     """Play of X and a carriage that turns about B at 80 mm below the ball read alike until the ball stands higher, whatever the
     contact does behind a reversal: with pre-sliding the turn was compared without, and the play stated at 99 %."""
     play = [{"effect": "backlash", "axis": "X", **law}]
-    campaign = _circles(tmp_path, (800.0,), play, 4, "c")
+    campaign = _circles(tmp_path / "c", (800.0,), play, 4)
     found = diagnose(campaign)
     finding = found.findings[0]
     assert (finding.name, finding.axis) == ("backlash", "X") and finding.confidence < 0.9
@@ -292,8 +283,7 @@ def test_an_alias_is_named_with_its_rival_and_told_apart_by_the_test_it_asks_for
     asked = finding.test.test.runs[0]
     machine = plant.planar_table()
     run = plant.planar_circle(machine, "asked", centre=asked.table_ball, feed=800.0, direction=1)
-    plant.write_campaign(tmp_path / "next", machine, [run], {}, None, play, seed=9)
-    both = diagnose(campaign.joined(read_campaign(tmp_path / "next")))
+    both = diagnose(campaign.joined(read_by_the_plant(tmp_path / "next", machine, [run], play, seed=9)))
     assert (both.findings[0].name, both.findings[0].axis) == ("backlash", "X") and both.findings[0].confidence > 0.95
 
 
