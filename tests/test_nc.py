@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import itertools
 import re
-import shutil
-import subprocess
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+import rs274
 
 from symfive.campaign import Run
 from symfive.errors import InputError
@@ -248,20 +247,8 @@ def test_names_that_are_no_address() -> None:
     assert "{" not in program(odd, RUNS[2][1], "iso")
 
 
-def _interpreted(path: Path) -> np.ndarray:
-    """End points of all straight moves as LinuxCNC's interpreter reads them, X Y Z A B C."""
-    answer = subprocess.run(
-        ["rs274", "-g", str(path)], capture_output=True, text=True, timeout=60, cwd=path.parent, check=False
-    )
-    assert answer.returncode == 0, answer.stdout[-500:] + answer.stderr[-500:]
-    found = re.findall(r"STRAIGHT_(?:FEED|TRAVERSE)\(([^)]*)\)", answer.stdout)
-    return np.array([[float(v) for v in line.split(",")[:6]] for line in found])
-
-
 @pytest.mark.linuxcnc
-@pytest.mark.skipif(
-    shutil.which("rs274") is None, reason="LinuxCNC's interpreter rs274 is not installed (linuxcnc-uspace)"
-)
+@rs274.needed
 @pytest.mark.parametrize(("machine", "run"), RUNS, ids=IDS)
 def test_linuxcnc_follows_the_plan(machine: Machine, run: Run, tmp_path: Path) -> None:
     (path,) = write_programs(campaign_of(machine, (run,)), tmp_path, ("linuxcnc",))
@@ -269,7 +256,7 @@ def test_linuxcnc_follows_the_plan(machine: Machine, run: Run, tmp_path: Path) -
     for step in program_steps(machine, run):
         at |= step.positions
         wanted += [[at[axis] for axis in LETTERS]] if step.positions else []
-    canonical = _interpreted(path)
+    canonical = rs274.straight_moves(path)
     assert canonical.shape == np.shape(wanted)
     assert np.abs(canonical - wanted).max() <= 1e-4
     if not run.dynamic:

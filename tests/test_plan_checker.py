@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import rs274
 from lean import location_only
 
 from symfive.design import plan
@@ -173,14 +174,12 @@ def test_arcs_have_their_length_and_place(good: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.linuxcnc
-@pytest.mark.skipif(
-    shutil.which("rs274") is None, reason="LinuxCNC's interpreter rs274 is not installed (linuxcnc-uspace)"
-)
+@rs274.needed
 def test_linuxcncs_interpreter_reads_the_same_positions(good: Path) -> None:
     good_plan = read_plan(good)
     for run in good_plan.runs:
         file = good / "nc" / "linuxcnc" / f"{run.table['id']}.ngc"
-        theirs = interpreted(file)
+        theirs = rs274.straight_moves(file)
         theirs = theirs[theirs[:, 2] != 0.0][:, [0, 1, 2, 4, 5]]  # without what is at the top, Z 0 of the machine
         path = read_program(good_plan.machine, run, file, "linuxcnc")
         order = [good_plan.machine.names.index(name) for name in "XYZBC"]
@@ -193,16 +192,6 @@ def test_linuxcncs_interpreter_reads_the_same_positions(good: Path) -> None:
         )
         mine = mine[mine[:, 2] != good_plan.machine.top]
         assert len(mine) > 50 and np.abs(theirs[-len(mine) :] - mine).max() <= 1e-4
-
-
-def interpreted(path: Path) -> np.ndarray:
-    """End points of all straight moves as LinuxCNC's interpreter reads them, X Y Z A B C."""
-    answer = subprocess.run(
-        ["rs274", "-g", str(path)], capture_output=True, text=True, timeout=60, cwd=path.parent, check=False
-    )
-    assert answer.returncode == 0, answer.stdout[-500:] + answer.stderr[-500:]
-    found = re.findall(r"STRAIGHT_(?:FEED|TRAVERSE)\(([^)]*)\)", answer.stdout)
-    return np.array([[float(v) for v in line.split(",")[:6]] for line in found])
 
 
 QUICK = [("three-axis", "ball_bar"), pytest.param("table-bc", "r_test", marks=pytest.mark.slow)]
@@ -220,9 +209,9 @@ def in_order(folder: Path) -> bool:
     """No findings, and LinuxCNC's interpreter takes the programs where it is installed; what is wrong is printed."""
     found = check(folder)
     print(*found, sep="\n")
-    if shutil.which("rs274") is not None:
+    if rs274.INSTALLED:
         for file in (folder / "nc").glob("linuxcnc/*"):
-            interpreted(file)
+            rs274.canonical(file)
     return not found
 
 

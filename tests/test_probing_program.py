@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import re
 import shutil
-import subprocess
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import plant
 import pytest
+import rs274
 from lean import location_only
 
 from symfive.campaign import Campaign, Run, read_campaign, write_campaign
@@ -149,15 +149,11 @@ def test_rapids_keep_off_a_large_sphere():
 
 
 @pytest.mark.linuxcnc
-@pytest.mark.skipif(
-    shutil.which("rs274") is None, reason="LinuxCNC's interpreter rs274 is not installed (linuxcnc-uspace)"
-)
+@rs274.needed
 def test_the_control_reads_it(tmp_path):
     machine, run = probe_run("table-bc")
     (tmp_path / "probe.ngc").write_text(program(machine, run, "linuxcnc", Post(), PROBING))
-    done = subprocess.run(["rs274", "-g", "probe.ngc"], cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.count("STRAIGHT_PROBE") == 19 * run.rows
+    assert rs274.canonical(tmp_path / "probe.ngc").count("STRAIGHT_PROBE") == 19 * run.rows
 
 
 def written(folder: Path, name: str = "table-bc", **options) -> tuple:
