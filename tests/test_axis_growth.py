@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from laser_world import axis_alone, laser_run
 
-from symfive.campaign import Campaign, Run
+from symfive.campaign import Campaign
 from symfive.diagnose import diagnose
 from symfive.effects import make_effect
 from symfive.errors import InputError
-from symfive.machine import ErrorTerm, Machine, Structure, make_axis, preset
+from symfive.machine import Machine, Structure, make_axis, preset
 from symfive.model import Model
 from symfive.procedures import campaign_of, planar_circle
 
@@ -20,12 +21,7 @@ PLACES = np.array([0.0, 80.0, 160.0, 240.0, 320.0, 400.0])
 def warming(ppm: float = PPM, shift_um: float = 0.0, seed: int = 5) -> Campaign:
     """A positioning test (ISO 230-2, one cycle) every ten minutes of two hours; the screw is held at 120 mm, or the tool drifts
     by `shift_um` along the axis and the laser keeps its zero."""
-    machine = Machine(
-        name="axis",
-        structure=Structure.parse("w b X t"),
-        axes={"X": make_axis("X", travel=(-10.0, 410.0))},
-        errors={"EXX": ErrorTerm(name="EXX", sigma=20.0, basis=("polynomial",), order=(1,))},
-    )
+    machine = axis_alone(-10.0, 410.0, sigma_um=20.0)
     q, rng = np.concatenate([PLACES, PLACES[::-1]]), np.random.default_rng(seed)
     runs = []
     for number in range(12):
@@ -34,10 +30,9 @@ def warming(ppm: float = PPM, shift_um: float = 0.0, seed: int = 5) -> Campaign:
         moved = ppm * (q - HELD_AT_MM) + 1e3 * shift_um
         reading = 1e-3 * (12.0 * q + moved * grown) + rng.normal(0.0, NOISE_UM, len(q))
         runs.append(
-            Run(
-                id=f"m{number:02}", instrument=("laser",), sampling="static", time=time, commands={"X": q},
-                readings={"X_dev_um": reading + (0.0 if shift_um else rng.normal(0.0, 5.0))}, noise_um=NOISE_UM,
-                options={"axis": "X"}, start_s=600.0 * number, mounting={"zero": "1"} if shift_um else {},
+            laser_run(
+                f"m{number:02}", q, reading + (0.0 if shift_um else rng.normal(0.0, 5.0)), time=time, noise_um=NOISE_UM,
+                start_s=600.0 * number, mounting={"zero": "1"} if shift_um else {},
             )
         )  # fmt: skip
     return Campaign(machine=machine, runs=tuple(runs))
@@ -68,10 +63,7 @@ def test_a_drift_at_a_standstill_is_no_growth() -> None:
     """ISO 230-3: from one position nobody knows where an axis is held. It was a growth of -65 ± 35 ppm, held somewhere."""
     time, rng = 30.0 * np.arange(240.0), np.random.default_rng(2)
     drift = 14.0 * (1.0 - np.exp(-time / 1800.0)) + rng.normal(0.0, NOISE_UM, len(time))
-    run = Run(
-        id="still", instrument=("laser",), sampling="static", time=time, commands={"X": np.full(len(time), 100.0)},
-        readings={"X_dev_um": drift}, noise_um=NOISE_UM, options={"axis": "X"},
-    )  # fmt: skip
+    run = laser_run("still", np.full(len(time), 100.0), drift, time=time, noise_um=NOISE_UM)
     [finding] = diagnose(Campaign(machine=warming().machine, runs=(run,))).findings
     assert (finding.name, finding.axis, finding.effect.id) == ("thermal_drift", None, "thermal_drift")
 
@@ -96,12 +88,8 @@ def test_the_drift_of_an_angle_is_named_beside_the_play() -> None:
     for number in range(3):
         start = 800.0 * number
         angle = turn * (1.0 - np.exp(-(start + time) / tau)) - 0.5 * play * side + rng.normal(0.0, 2.0, len(way))
-        runs.append(
-            Run(
-                id=f"r{number}", instrument=("laser",), sampling="static", time=time, commands={"C": way},
-                readings={"C_dev_urad": angle + rng.normal(0.0, 50.0)}, noise_um=2.0, options={"axis": "C"}, start_s=start,
-            )
-        )  # fmt: skip
+        read = angle + rng.normal(0.0, 50.0)
+        runs.append(laser_run(f"r{number}", way, read, "C", time=time, noise_um=2.0, start_s=start))
     found = diagnose(Campaign(machine=machine, runs=tuple(runs))).findings
     assert {(f.name, f.axis, f.effect.id) for f in found} == {
         ("backlash", "C", "backlash"), ("thermal_drift", "C", "axis_turn"),

@@ -9,12 +9,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from laser_world import axis_alone
 
 from symfive.campaign import Campaign, Run
 from symfive.diagnose import diagnose
 from symfive.effects import make_effect
 from symfive.identify import identify
-from symfive.machine import Machine, Structure, make_axis
 from symfive.posterior import baseline
 
 RATE, NOISE = 32.0, 0.3
@@ -49,10 +49,7 @@ def recorded(seed: int = 0, periodic: tuple[float, float] = (0.0, 1.0), **more: 
         noise_um={"encoder": 1e-4, "drive_force": NOISE},
         options={"axis": "X", "encoder_axes": ["X"], "motion_from": "encoder"} | more,
     )  # fmt: skip
-    machine = Machine(
-        name="axis", structure=Structure.parse("w b X t"), axes={"X": make_axis("X", travel=(-50.0, 350.0))}, errors={}
-    )
-    return Campaign(machine=machine, runs=(run,))
+    return Campaign(machine=axis_alone(-50.0, 350.0), runs=(run,))
 
 
 def test_what_friction_holds_at_rest_may_count_nowhere() -> None:

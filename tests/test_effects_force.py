@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from effects_world import assert_exact
+from laser_world import axis_alone
 
 from symfive.campaign import Campaign, Run
 from symfive.diagnose import diagnose
@@ -113,9 +114,6 @@ def test_friction_of_a_drive_may_change_along_the_axis() -> None:
 def driven(course: Callable[[np.ndarray], np.ndarray]) -> Campaign:
     """The force of a drive at two speeds; its Coulomb friction is 180 N and a `course` over the position, N."""
     rng, runs = np.random.default_rng(3), []
-    machine = Machine(
-        name="axis", structure=Structure.parse("w b X t"), axes={"X": make_axis("X", travel=(-210.0, 210.0))}
-    )
     for speed in (40.0, 120.0):
         omega = speed / 200.0
         time = np.arange(0.0, 4.0 * np.pi / omega, 0.05)
@@ -129,7 +127,7 @@ def driven(course: Callable[[np.ndarray], np.ndarray]) -> Campaign:
                 options={"axis": "X", "between": "curve", "start": "moving"},
             )
         )  # fmt: skip
-    return Campaign(machine=machine, runs=tuple(runs))
+    return Campaign(machine=axis_alone(-210.0, 210.0), runs=tuple(runs))
 
 
 def test_preload_that_changes_along_the_axis_is_found() -> None:

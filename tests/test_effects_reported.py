@@ -11,8 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from effects_world import CASES, around, campaign, every_case, model_of, polar
+from laser_world import laser_run
 
-from symfive.campaign import Campaign, Run, read_campaign
+from symfive.campaign import Campaign, read_campaign
 from symfive.effects import EFFECTS, VOCABULARY, Quantity, make_effect
 from symfive.errors import InputError
 from symfive.machine import Machine, Structure, make_axis
@@ -74,10 +75,7 @@ def test_a_period_names_those_that_read_the_same() -> None:
     """Even targets do not separate 1/period from those mirrored at 1/step: of 120 teeth every 5° they read 24; uneven ones do."""
     targets = np.arange(-5.0, 360.0, 5.0)
     machine = Machine(name="table", structure=Structure.parse("w C' b t"), axes={"C": make_axis("C")})
-    run = Run(
-        id="polygon", instrument=("laser",), sampling="static", time=np.arange(float(len(targets))),
-        commands={"C": targets}, options={"axis": "C"},
-    )  # fmt: skip
+    run = laser_run("polygon", targets, axis="C")
     plan = Campaign(machine=machine, runs=(run,))
     effect = make_effect("transmission_error", "C", period=15.0)
     values = {f"{effect.key}.{n}": v for n, v in {"sin": 1.0, "cos": 0.5, "period": 15.0}.items()}

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from laser_world import axis_alone, laser_run
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
@@ -31,7 +32,7 @@ from symfive.effects import Effect, Varying, make_effect  # noqa: E402
 from symfive.errors import InputError  # noqa: E402
 from symfive.identify import identify  # noqa: E402
 from symfive.importers import cycles_of, rows_of, turns_of  # noqa: E402
-from symfive.machine import ErrorTerm, Machine, Structure, make_axis  # noqa: E402
+from symfive.machine import Machine, Structure, make_axis  # noqa: E402
 from symfive.posterior import baseline  # noqa: E402
 from symfive.simulate import simulate  # noqa: E402
 
@@ -42,19 +43,10 @@ BY_NAME = {recording.name: recording for recording in RECORDINGS}
 
 def axis_under_test() -> Campaign:
     """A linear axis, five times up and down in one run, as the converters hand over an ISO 230-2 file."""
-    machine = Machine(
-        name="axis",
-        structure=Structure.parse("w b X t"),
-        axes={"X": make_axis("X", travel=(-10.0, 210.0))},
-        errors={"EXX": ErrorTerm(name="EXX", sigma=20.0, basis=("polynomial",), order=(1,))},
-    )
     once = np.concatenate([[-5.0], PLACES, [205.0], PLACES[::-1]])
     command = np.tile(once, 5)
-    run = Run(
-        id="iso", instrument=("laser",), sampling="static", time=np.arange(float(len(command))),
-        commands={"X": command}, noise_um=0.3, options={"axis": "X"},
-    )  # fmt: skip
-    return Campaign(machine=machine, runs=(run,), name="axis")
+    runs = (laser_run("iso", command, noise_um=0.3),)
+    return Campaign(machine=axis_alone(-10.0, 210.0, sigma_um=20.0), runs=runs, name="axis")
 
 
 @pytest.fixture(scope="module")

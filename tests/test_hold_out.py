@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from laser_world import axis_alone, laser_run
 
 from symfive import cli
-from symfive.campaign import Campaign, Run, write_campaign
+from symfive.campaign import Campaign, write_campaign
 from symfive.diagnose import Diagnosis, diagnose, held_out, held_out_square, parted, root, withdraw
 from symfive.effects import Form, make_effect
 from symfive.errors import InputError
-from symfive.machine import ErrorTerm, Machine, Structure, make_axis
 from symfive.posterior import baseline, moments_of, refitted
 from symfive.report import diagnosis_text
 from symfive.simulate import simulate
@@ -25,20 +25,9 @@ NOISE_UM, WIDTH_UM = 0.3, 12.0
 
 def axis_test(width: float = WIDTH_UM, runs: int = 1, seed: int = 3) -> Campaign:
     """Runs of a laser on a linear axis with play, each four times up and down, with overruns."""
-    machine = Machine(
-        name="axis",
-        structure=Structure.parse("w b X t"),
-        axes={"X": make_axis("X", travel=(-10.0, 210.0))},
-        errors={"EXX": ErrorTerm(name="EXX", sigma=20.0, basis=("polynomial",), order=(1,))},
-    )
+    machine = axis_alone(-10.0, 210.0, sigma_um=20.0)
     command = np.tile(np.concatenate([[-5.0], PLACES, [205.0], PLACES[::-1]]), 4)
-    plan = [
-        Run(
-            id=f"r{number}", instrument=("laser",), sampling="static", time=np.arange(float(len(command))),
-            commands={"X": command}, noise_um=NOISE_UM, options={"axis": "X"}, start_s=1e3 * number,
-        )
-        for number in range(runs)
-    ]  # fmt: skip
+    plan = [laser_run(f"r{number}", command, noise_um=NOISE_UM, start_s=1e3 * number) for number in range(runs)]
     play = make_effect("backlash", "X")
     truth = {"backlash.X.width": width, "EXX.P1": 20.0}
     return simulate(Campaign(machine=machine, runs=tuple(plan)), truth=truth, effects=[play], seed=seed).campaign

@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from laser_world import laser_run
 
-from symfive.campaign import Campaign, Run
+from symfive.campaign import Campaign
 from symfive.inference import Noise, Problem, gauss_newton, whiten
 from symfive.machine import preset
 from symfive.model import Model
@@ -77,8 +78,7 @@ def test_a_fit_settles_where_a_sum_is_known_and_its_parts_are_not():
     """The zero of an angle and the skew EC0B read alike: each is known to 100 µrad, their sum to a fifth of one."""
     angles = np.linspace(0.0, 345.0, 24)
     commands = {name: np.zeros(24) for name in "XYZB"} | {"C": angles}
-    run = Run(id="c", instrument=("laser",), sampling="static", time=np.arange(24.0), commands=commands, noise_um=1.0,
-              options={"axis": "C"})  # fmt: skip
+    run = laser_run("c", angles, axis="C", commands=commands, noise_um=1.0)
     model = Model(simulate(Campaign(machine=preset("table-bc"), runs=(run,)), truth={}, seed=2).campaign)
     problem = Problem.of(model)
     best, _ = gauss_newton(problem, model.start, 1e-6)

@@ -9,13 +9,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from laser_world import axis_alone, laser_run
 from test_real_recordings import recordings
 
-from symfive.campaign import Campaign, Run
+from symfive.campaign import Campaign
 from symfive.convert import convert
 from symfive.diagnose import diagnose
 from symfive.identify import fitted_model, identify, predict
-from symfive.machine import ErrorTerm, Machine, Structure, make_axis, preset
+from symfive.machine import preset
 from symfive.posterior import baseline
 from symfive.procedures import campaign_of, planar_circle, r_test_grid
 from symfive.report import diagnosis_report, diagnosis_text, identification_text
@@ -58,18 +59,12 @@ def positioning(cycles: int = 5, seed: int = 1) -> list[np.ndarray]:
 
 def campaign(deviations: list[np.ndarray]) -> Campaign:
     """Each cycle as a run of its own."""
-    machine = Machine(
-        name="axis", structure=Structure.parse("w b X t"), axes={"X": make_axis("X", travel=(-10.0, 310.0))},
-        errors={"EXX": ErrorTerm(name="EXX", sigma=50.0, basis=("polynomial",), order=(1,))},
-    )  # fmt: skip
+    machine = axis_alone(-10.0, 310.0, sigma_um=50.0)
     way = np.concatenate([TARGETS, TARGETS[::-1] - 1e-6])
     runs = [
-        Run(
-            id=f"cycle-{k}", instrument=("laser",), sampling="static", time=np.arange(float(len(way))), start_s=100.0 * k,
-            commands={"X": way}, readings={"X_dev_um": deviation}, noise_um=NOISE_UM, options={"axis": "X"},
-        )
+        laser_run(f"cycle-{k}", way, deviation, start_s=100.0 * k, noise_um=NOISE_UM)
         for k, deviation in enumerate(deviations, start=1)
-    ]  # fmt: skip
+    ]
     return Campaign(machine=machine, runs=tuple(runs))
 
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from laser_world import axis_alone, laser_run
 
-from symfive.campaign import Campaign, Run
+from symfive.campaign import Campaign
 from symfive.diagnose import Diagnosis, diagnose
-from symfive.machine import Machine, Structure, make_axis
 
 DECLARED_UM, SCATTER_UM = 0.4, 2.0
 """Of the laser, and of an axis at a target."""
@@ -19,16 +19,12 @@ def diagnosed(deviation_um: float, seed: int) -> Diagnosis:
     targets = np.linspace(-4.0, 4.0, 5)
     way = np.concatenate([targets, targets[::-1] - 1e-6])
     own = deviation_um * rng.standard_normal(len(way))
-    machine = Machine(name="axis", structure=Structure.parse("w b X t"), axes={"X": make_axis("X", travel=(-5.0, 5.0))})
+    reads = [own + SCATTER_UM * rng.standard_normal(len(way)) for _ in range(2)]
     runs = [
-        Run(
-            id=f"cycle-{number}", instrument=("laser",), sampling="static", time=np.arange(float(len(way))),
-            commands={"X": way}, readings={"X_dev_um": own + SCATTER_UM * rng.standard_normal(len(way))},
-            noise_um=DECLARED_UM, start_s=60.0 * number, options={"axis": "X"},
-        )
-        for number in (1, 2)
-    ]  # fmt: skip
-    return diagnose(Campaign(machine=machine, runs=tuple(runs)))
+        laser_run(f"cycle-{number}", way, read, noise_um=DECLARED_UM, start_s=60.0 * number)
+        for number, read in enumerate(reads, start=1)
+    ]
+    return diagnose(Campaign(machine=axis_alone(-5.0, 5.0), runs=tuple(runs)))
 
 
 @pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (0, 3))])

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from laser_world import laser_run
 
 from symfive.campaign import Campaign, Run, SetupSigma, write_campaign
 from symfive.cli import main
@@ -218,10 +219,8 @@ def test_positioning_of_a_rotary_axis_by_hand():
     machine, rng, stops = preset("table-bc"), np.random.default_rng(7), [-170.0, -110.3, -31.7, 42.9, 101.1, 158.2]
     way = [s for _ in range(5) for s in (-175.0, *stops, 175.0, *stops[::-1])] + [-175.0]
     deviation = rng.normal(0.0, 4.0, len(way)) + 20.0 * np.sin(np.radians(way))
-    run = Run(
-        id="c", instrument=("laser",), sampling="static", time=np.arange(float(len(way))), options={"axis": "C"}, noise_um=1.0,
-        commands={**{n: np.zeros(len(way)) for n in machine.axes}, "C": np.array(way)}, readings={"C_dev_urad": deviation},
-    )  # fmt: skip
+    commands = {**{n: np.zeros(len(way)) for n in machine.axes}, "C": np.array(way)}
+    run = laser_run("c", commands["C"], deviation, "C", commands=commands, noise_um=1.0)
     rows = range(1, len(way))
     up = [[float(deviation[k]) for k in rows if way[k] == t > way[k - 1]] for t in stops]
     down = [[float(deviation[k]) for k in rows if way[k] == t < way[k - 1]] for t in stops]
@@ -242,10 +241,8 @@ def test_readings_that_are_rounded_alike_are_not_exact():
     """The uncertainty of a range of means of n readings: 2 σ √(2/n), of a reversal the same; the deviations are all equal."""
     machine, stops, cycles = MACHINE, [-200.0, -80.5, 10.0, 90.5, 180.0], 5
     way = np.array([s for _ in range(cycles) for s in (-210.0, *stops, 210.0, *stops[::-1])])
-    run = Run(
-        id="x", instrument=("laser",), sampling="static", time=np.arange(float(len(way))), options={"axis": "X"}, noise_um=0.3,
-        commands={"X": way, "Y": 0.0 * way, "Z": 0.0 * way}, readings={"X_dev_um": np.full(len(way), 1.5)},
-    )  # fmt: skip
+    commands = {"X": way, "Y": 0.0 * way, "Z": 0.0 * way}
+    run = laser_run("x", way, np.full(len(way), 1.5), commands=commands, noise_um=0.3)
     found = {value.title: value for value in standard_values(Campaign(machine=machine, runs=(run,)))}
     for name in ("E X", "E X up", "E X down", "B X"):
         assert found[name].value == 0.0

@@ -6,12 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from laser_world import axis_alone, laser_run
 
-from symfive.campaign import Campaign, Run
+from symfive.campaign import Campaign
 from symfive.diagnose import Diagnosis, diagnose
 from symfive.effects import Tone
 from symfive.effects.transmission_error import TransmissionError
-from symfive.machine import ErrorTerm, Machine, Structure, make_axis
+from symfive.machine import ErrorTerm
 
 NOISE_UM, PITCH, AMPLITUDE = 0.4, 10.0, 3.0
 
@@ -19,15 +20,8 @@ NOISE_UM, PITCH, AMPLITUDE = 0.4, 10.0, 3.0
 def campaign(way: np.ndarray) -> Campaign:
     """Positions of an axis with a sine of its screw, read by a laser."""
     rng = np.random.default_rng(4)
-    machine = Machine(
-        name="axis", structure=Structure.parse("w b X t"), axes={"X": make_axis("X", travel=(-320.0, 320.0))}
-    )
     read = AMPLITUDE * np.sin(2.0 * np.pi * way / PITCH + 0.5) + NOISE_UM * rng.standard_normal(len(way))
-    run = Run(
-        id="laser", instrument=("laser",), sampling="static", time=np.arange(float(len(way))), commands={"X": way},
-        readings={"X_dev_um": read}, noise_um=NOISE_UM, options={"axis": "X"},
-    )  # fmt: skip
-    return Campaign(machine=machine, runs=(run,))
+    return Campaign(machine=axis_alone(-320.0, 320.0), runs=(laser_run("laser", way, read, noise_um=NOISE_UM),))
 
 
 def diagnosed(targets: np.ndarray) -> Diagnosis:

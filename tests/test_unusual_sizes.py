@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from laser_world import laser_run
 
 from symfive.campaign import Campaign, Run
 from symfive.diagnose import Diagnosis, diagnose
@@ -54,10 +55,7 @@ def test_an_axis_that_goes_too_far_is_not_advised_to_be_compensated_more(sign: f
     ways = np.tile(np.r_[np.arange(-80.0, 81.0, 40.0), np.arange(80.0, -81.0, -40.0) - 1e-6], 4)
     came = np.sign(np.diff(ways, prepend=-120.0))  # 80 mm is read from both sides, as after an overrun
     readings = sign * came + np.random.default_rng(2).normal(0.0, 0.1, len(ways))
-    run = Run(
-        id="laser", instrument=("laser",), sampling="static", time=4.0 * np.arange(len(ways)), commands={"X": ways},
-        readings={"X_dev_um": readings}, noise_um=0.1, options={"axis": "X"},
-    )  # fmt: skip
+    run = laser_run("laser", ways, readings, time=4.0 * np.arange(len(ways)), noise_um=0.1)
     result = diagnose(Campaign(machine=STAGE, runs=(run,)))
     (found,) = result.findings
     assert found.name == "backlash"
@@ -69,11 +67,8 @@ def test_two_bodies_that_grow_in_opposite_ways_are_one_drift() -> None:
     """A bed warms up in minutes and its frame later: the straight line that was found first left a third of it."""
     time = np.repeat(60.0 * np.arange(44.0), 3) + np.tile([0.0, 4.0, 8.0], 44)
     rises = [size * (1.0 - np.exp(-time / tau)) for size, tau in ((450.0, 280.0), (-600.0, 900.0))]
-    run = Run(
-        id="standing", instrument=("laser",), sampling="static", time=time, commands={"Z": np.zeros(len(time))},
-        readings={"Z_dev_um": sum(rises) + np.random.default_rng(3).normal(0.0, 1.5, len(time))}, noise_um=1.5,
-        options={"axis": "Z"},
-    )  # fmt: skip
+    read = sum(rises) + np.random.default_rng(3).normal(0.0, 1.5, len(time))
+    run = laser_run("standing", np.zeros(len(time)), read, "Z", time=time, noise_um=1.5)
     result = diagnose(Campaign(machine=COLUMN, runs=(run,)))
     (found,) = result.findings
     assert found.name == "thermal_drift"
@@ -87,10 +82,7 @@ def test_a_recording_in_which_nothing_moves_is_diagnosed(sampling: str) -> None:
     """The next test was planned at the feed of axes that stand: a traceback, and nothing was written."""
     time = 2.0 * np.arange(200.0)
     drift = 80.0 * (1.0 - np.exp(-time / 150.0)) + np.random.default_rng(8).normal(0.0, 1.0, len(time))
-    run = Run(
-        id="standing", instrument=("laser",), sampling=sampling, time=time, commands={"Z": np.zeros(len(time))},
-        readings={"Z_dev_um": drift}, noise_um=1.0, options={"axis": "Z"},
-    )  # fmt: skip
+    run = laser_run("standing", np.zeros(len(time)), drift, "Z", sampling=sampling, time=time, noise_um=1.0)
     (found,) = diagnose(Campaign(machine=COLUMN, runs=(run,))).findings
     assert found.coordinate == "t"
 

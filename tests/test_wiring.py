@@ -6,13 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from laser_world import axis_alone, laser_run
 from lean import location_only
 
-from symfive.campaign import Campaign, Run
+from symfive.campaign import Campaign
 from symfive.diagnose import diagnose
 from symfive.effects import make_effect
 from symfive.identify import identify, wiring_doubts
-from symfive.machine import ErrorTerm, Machine, Structure, make_axis, preset
+from symfive.machine import Machine, preset
 from symfive.procedures import campaign_of, r_test_grid
 from symfive.report import diagnosis_text
 from symfive.simulate import simulate
@@ -71,20 +72,11 @@ def positioned(*factors: float) -> Campaign:
     """A positioning test of an axis with a known course in each run, its readings times a factor, under noise of which a part
     is slow."""
     way, rng, runs = np.concatenate([PLACES, PLACES[::-1]] * 3), np.random.default_rng(8), []
-    machine = Machine(
-        name="axis", structure=Structure.parse("w b X t"), axes={"X": make_axis("X", travel=(-310.0, 310.0))},
-        errors={"EXX": ErrorTerm(name="EXX", sigma=10.0, basis=("polynomial",), order=(2,), over=("X",))},
-    )  # fmt: skip
     for number, factor in enumerate(factors):
         slow = 0.2 * np.sin(0.3 * np.arange(len(way)) + number)
         read = 12.0 * way / 310.0 - 9.0 * (way / 310.0) ** 2 + slow + rng.normal(0.0, 0.3, len(way))
-        runs.append(
-            Run(
-                id=f"r{number}", instrument=("laser",), sampling="static", time=np.arange(float(len(way))),
-                commands={"X": way}, readings={"X_dev_um": factor * read}, noise_um=0.3, options={"axis": "X"},
-            )
-        )  # fmt: skip
-    return Campaign(machine=machine, runs=tuple(runs))
+        runs.append(laser_run(f"r{number}", way, factor * read, noise_um=0.3))
+    return Campaign(machine=axis_alone(-310.0, 310.0, sigma_um=10.0, order=2), runs=tuple(runs))
 
 
 @pytest.mark.parametrize(
