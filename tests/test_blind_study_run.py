@@ -151,17 +151,8 @@ def test_an_error_is_the_cases_own() -> None:
 
 @pytest.mark.slow
 def test_a_small_study_from_end_to_end(tmp_path: Path) -> None:
-    command = [
-        "--seed",
-        "1",
-        "--workers",
-        "1",
-        "-o",
-        str(tmp_path),
-        "--ablation",
-        "--rivals",
-        *(w for i in IDS for w in ("--case", i)),
-    ]
+    command = ["--seed", "1", "--workers", "1", "-o", str(tmp_path), "--ablation", "--rivals"]
+    command += [word for id in IDS for word in ("--case", id)]
     assert study.main(command) == 0
     data = json.loads((tmp_path / "study.json").read_text())
     assert data["finished"] == len(IDS) and not data["errors"]
@@ -176,17 +167,8 @@ def test_a_small_study_from_end_to_end(tmp_path: Path) -> None:
 
 @pytest.fixture
 def written(sealed: Path, tmp_path: Path) -> Path:
-    words = [
-        "write",
-        str(tmp_path / "open"),
-        "--answers",
-        str(tmp_path / "answers.json"),
-        "--study",
-        str(sealed),
-        "--cases",
-        "9",
-    ]
-    assert challenge.main(words) == 0
+    words = ["--answers", str(tmp_path / "answers.json"), "--study", str(sealed), "--cases", "9"]
+    assert challenge.main(["write", str(tmp_path / "open"), *words]) == 0
     return tmp_path
 
 

@@ -240,20 +240,8 @@ def test_identify_without_figures_as_json_on_two_campaigns(symfive, tmp_path):
     shutil.copytree(BAR, tmp_path / "again")
     for table in (tmp_path / "again").glob("[lh]*.csv"):
         cell(table, 5, table.read_text().split("\n")[0].split(",").index("dL_um") + 1, "0.0")
-    words = (
-        "identify",
-        BAR,
-        "--with",
-        tmp_path / "again",
-        "-o",
-        tmp_path / "r",
-        "--no-figures",
-        "--json",
-        "-q",
-        "--noise",
-        "declared",
-    )
-    answer = symfive(*words)
+    words = ("identify", BAR, "--with", tmp_path / "again", "-o", tmp_path / "r", "--noise", "declared")
+    answer = symfive(*words, "--no-figures", "--json", "-q")
     assert answer.code == 0
     assert answer.err == ""
     assert json.loads(answer.out) == json.loads((tmp_path / "r" / "identification.json").read_text())

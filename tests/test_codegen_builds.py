@@ -42,19 +42,8 @@ def _compile_and_test(folder: Path, compiler: str, precision: str) -> None:
     needs(compiler, "nm")
     switch = ["-DSF_FLOAT"] if precision == "float" else []
     run(compiler, *STRICT, *switch, "-O2", "-fno-pie", "-c", "sf.c", "-o", f"sf-{precision}.o", cwd=folder)
-    run(
-        compiler,
-        *STRICT,
-        *switch,
-        "-O2",
-        "sf_selftest.c",
-        f"sf-{precision}.o",
-        "-lm",
-        "-no-pie",
-        "-o",
-        "selftest",
-        cwd=folder,
-    )
+    sources = ("sf_selftest.c", f"sf-{precision}.o")
+    run(compiler, *STRICT, *switch, "-O2", *sources, "-lm", "-no-pie", "-o", "selftest", cwd=folder)
     assert "0 failures" in run("./selftest", cwd=folder)
     imports = set(run("nm", "-u", f"sf-{precision}.o", cwd=folder).split()) - {"U", "memset", "memcpy"}
     allowed = {f"{name}f" for name in LIBM} if precision == "float" else LIBM

@@ -171,17 +171,8 @@ def test_the_command(tmp_path, capsys):
     from history_world import results
 
     folder = results(tmp_path / "r")
-    words = [
-        "history",
-        "certificate",
-        str(folder),
-        "-o",
-        str(tmp_path / "dcc.xml"),
-        "--date",
-        "2026-03-04",
-        "--country",
-        "DE",
-    ]
+    words = ["history", "certificate", str(folder), "-o", str(tmp_path / "dcc.xml")]
+    words += ["--date", "2026-03-04", "--country", "DE"]
     assert cli.main(words) == 0
     said = capsys.readouterr()
     assert "unsigned" in said.err and "--laboratory" in said.err

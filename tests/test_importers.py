@@ -71,18 +71,8 @@ def test_a_planned_circle_says_what_the_export_does_not(tmp_path: Path, capsys: 
         for name, files in ((f"{run.id}.csv", named), (f"export{i}.csv", listed)):
             (tmp_path / name).write_text(text)
             files.append(str(tmp_path / name))
-    words = [
-        "--radius",
-        str(RADIUS),
-        "--feed",
-        str(FEED),
-        "--centre",
-        "0,0,110",
-        "--direction",
-        "ccw",
-        "--direction",
-        "cw",
-    ]
+    words = ["--radius", str(RADIUS), "--feed", str(FEED), "--centre", "0,0,110"]
+    words += ["--direction", "ccw", "--direction", "cw"]
     calls = {"plan": named[::-1], "order": listed}
     for name, files in calls.items():
         assert main(["import-polar", str(tmp_path / "plan"), *files, "-o", str(tmp_path / f"by-{name}"), "-q"]) == 0
@@ -215,20 +205,10 @@ def test_a_clockwise_file_is_not_taken_for_a_counter_clockwise_run(tmp_path: Pat
 def test_lengths_of_the_bar_are_not_taken_for_deviations(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     path = tmp_path / "ccw.csv"
     path.write_text("angle,radius\n" + "".join(f"{a},{RADIUS + 7e-3 * np.sin(np.radians(a)):.6f}\n" for a in ANGLES))
-    call = [
-        "import-polar",
-        "three-axis",
-        str(path),
-        "-o",
-        str(tmp_path / "c"),
-        "--radius",
-        str(RADIUS),
-        "--feed",
-        "1000",
-    ]
-    assert main(call) == 0
+    call = ["import-polar", "three-axis", str(path), "--radius", str(RADIUS), "--feed", "1000", "-o"]
+    assert main([*call, str(tmp_path / "c")]) == 0
     assert "if the file holds the bar's length, subtract the radius" in capsys.readouterr().err
-    assert main([*call[:4], str(tmp_path / "d"), *call[5:], "--unit", "mm"]) == 2
+    assert main([*call, str(tmp_path / "d"), "--unit", "mm"]) == 2
     assert f"the length of the bar; subtract the radius, {RADIUS:g} mm" in capsys.readouterr().err
 
 
@@ -329,15 +309,8 @@ def test_a_radius_that_was_taken_off_is_noted_and_left_open(tmp_path: Path, caps
         angle, deviation = _polar(run)
         rows = zip(angle, deviation - deviation.mean(), strict=True)
         (tmp_path / f"{name}.txt").write_text("".join(f"{a:.6f} {d:.4f}\n" for a, d in rows))
-    call = [
-        "import-polar",
-        "three-axis",
-        str(tmp_path / "ccw.txt"),
-        str(tmp_path / "cw.txt"),
-        "-o",
-        str(tmp_path / "c"),
-    ]
-    call += ["--radius", "100", "--feed", "1000", "--centre", "0,0,110"]
+    call = ["import-polar", "three-axis", *(str(tmp_path / f"{name}.txt") for name in ("ccw", "cw"))]
+    call += ["-o", str(tmp_path / "c"), "--radius", "100", "--feed", "1000", "--centre", "0,0,110"]
     assert main(call) == 0
     assert (
         "note: no circle has a mean deviation, as where the ball-bar software removes the mean radius; if it did"

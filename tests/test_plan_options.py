@@ -26,17 +26,8 @@ def made() -> Plan:
 
 
 def test_plan_for_chosen_parameters() -> None:
-    for_centre = plan(
-        OYAMA,
-        points=8,
-        setups=1,
-        for_=("EX0C", "EY0C"),
-        criterion="A",
-        starts=1,
-        returns=0,
-        anywhere=False,
-        prove=False,
-    )
+    quick = {"setups": 1, "starts": 1, "returns": 0, "anywhere": False, "prove": False}
+    for_centre = plan(OYAMA, points=8, for_=("EX0C", "EY0C"), criterion="A", **quick)
     assert for_centre.interest == ("EX0C", "EY0C")
 
 
@@ -167,20 +158,10 @@ def test_a_time_budget_is_used_up() -> None:
 @pytest.mark.slow
 def test_options_of_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     write_machine(OYAMA, tmp_path / "machine.toml")
-    words = [
-        "plan",
-        tmp_path / "machine.toml",
-        "-o",
-        tmp_path / "plan",
-        "--instrument",
-        "ball_bar",
-        "--points",
-        8,
-        "-q",
-    ]
+    words = ["plan", tmp_path / "machine.toml", "-o", tmp_path / "plan", "--instrument", "ball_bar", "--points", 8]
     words += ["--setups", 1, "--bar", 120, "--bar", 200, "--repeats", 2, "--returns", 1, "--noise-um", 0.5, "--survive"]
     words += ["--robust", "mean", "--starts", 1, "--nc", "siemens", "--tool-centre-on", "TRAORI"]
-    assert main([str(w) for w in [*words, "--tool-centre-off", "TRAFOOF", "--reversed", "C", "--json"]]) == 0
+    assert main([str(w) for w in [*words, "--tool-centre-off", "TRAFOOF", "--reversed", "C", "--json", "-q"]]) == 0
     assert json.loads(capsys.readouterr().out)["certificate"]["poses"] == 8
     campaign = read_campaign(tmp_path / "plan")
     (run,) = campaign.runs
@@ -189,18 +170,8 @@ def test_options_of_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixtu
     text = (tmp_path / "plan" / "nc" / "siemens" / f"{run.id.upper().replace('-', '_')}.mpf").read_text()
     code = "\n".join(line for line in text.split("\n") if not line.startswith(";"))
     assert code.index("TRAFOOF") < code.index("G0 ") < code.index("TRAORI") < code.rindex("TRAFOOF")
-    quick = [
-        "plan",
-        str(tmp_path / "machine.toml"),
-        "-o",
-        str(tmp_path / "quick"),
-        "--points",
-        "12",
-        "--starts",
-        "1",
-        "-q",
-    ]
-    assert main([*quick, "--per-minute", "--minutes", "12"]) == 0
+    quick = ["plan", str(tmp_path / "machine.toml"), "-o", str(tmp_path / "quick"), "--points", "12", "--starts", "1"]
+    assert main([*quick, "-q", "--per-minute", "--minutes", "12"]) == 0
     assert main(["assess", str(tmp_path / "quick"), "--given", str(tmp_path / "plan"), "-q"]) == 0
     said = capsys.readouterr().out
     assert all(f"{name} " in said for name in campaign.machine.errors)
@@ -234,21 +205,8 @@ def test_circles_on_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixtu
     write_machine(
         replace(whole, errors={n: whole.errors[n] for n in ("EX0C", "EY0C")}, text=""), tmp_path / "machine.toml"
     )
-    words = [
-        "--circles",
-        "planar",
-        "--effect",
-        "backlash:X",
-        "--count",
-        "1",
-        "--bar",
-        "50",
-        "--nc",
-        "linuxcnc",
-        "-q",
-        "--no-proof",
-    ]
-    assert main(["plan", str(tmp_path / "machine.toml"), "-o", str(tmp_path / "plan"), *words]) == 0
+    words = ["plan", str(tmp_path / "machine.toml"), "-o", str(tmp_path / "plan"), "--nc", "linuxcnc", "--no-proof"]
+    assert main([*words, "--circles", "planar", "--effect", "backlash:X", "--count", "1", "--bar", "50", "-q"]) == 0
     assert "backlash.X.width" in capsys.readouterr().out
     programs = {path.stem for path in (tmp_path / "plan" / "nc" / "linuxcnc").glob("*.ngc")}
     assert len(programs) == 3 and any(

@@ -37,6 +37,7 @@ from .mutate import NUMBERS, STRINGS, Mutator
 LIMIT_S = 10.0
 MOST = 800
 MACHINE = "Oyama, Ibaraki & Otsubo 2010, table BC on Y"
+MAPPED = ["--map", "angle=1:deg", "--map", "deviation=2:um"]
 VERBS = {
     "check": ["campaign"],
     "assess": ["campaign"],
@@ -50,20 +51,7 @@ VERBS = {
     "import-polar": ["three-axis", "polar.csv", "-o", "out", "--radius", "100", "--feed", "1000"],
     "import-rests": ["campaign", "polar.csv", "-o", "out"],
     "import-touches": ["campaign", "polar.csv", "-o", "out"],
-    "import": [
-        "three-axis",
-        "polar.csv",
-        "-o",
-        "out",
-        "--radius",
-        "100",
-        "--feed",
-        "1000",
-        "--map",
-        "angle=1:deg",
-        "--map",
-        "deviation=2:um",
-    ],
+    "import": ["three-axis", "polar.csv", "-o", "out", "--radius", "100", "--feed", "1000", *MAPPED],
     "standards": ["campaign", "--tolerance", "G=8", "--uncertainty", "G=1"],
     "import-mtconnect": ["probe.xml", "-o", "out.toml"],
     "convert": ["emps", "-o", "out", "--data", "data"],
