@@ -8,41 +8,18 @@ from typing import Any
 
 Machine = dict[str, Any]
 
-SYNCHRONOUS = {
-    "X": {
-        "position_gain": 40.0,
-        "velocity_gain": 300.0,
-        "integral_time": 0.05,
-        "viscous": 8.0,
-        "feedforward": 0.0,
-    },
-    "C": {
-        "position_gain": 40.0,
-        "velocity_gain": 260.0,
-        "integral_time": 0.05,
-        "viscous": 8.0,
-        "feedforward": 0.0,
-    },
-}
-"""Drives of shared/campaigns/dynamic-none."""
-PLANAR = {
-    "X": {
-        "position_gain": 45.0,
-        "velocity_gain": 280.0,
-        "integral_time": 0.06,
-        "viscous": 6.0,
-        "feedforward": 0.0,
-    },
-    "Y": {
-        "position_gain": 45.0,
-        "velocity_gain": 260.0,
-        "integral_time": 0.06,
-        "viscous": 6.0,
-        "feedforward": 0.0,
-    },
-}
-"""Drives of shared/campaigns/planar-none."""
 
+def drive(position: float, velocity: float, integral_s: float, viscous: float) -> dict[str, float]:
+    """A drive of these gains, without feedforward."""
+    return {
+        "position_gain": position, "velocity_gain": velocity, "integral_time": integral_s, "viscous": viscous,
+        "feedforward": 0.0,
+    }  # fmt: skip
+
+
+SYNCHRONOUS = {"X": drive(40.0, 300.0, 0.05, 8.0), "C": drive(40.0, 260.0, 0.05, 8.0)}
+PLANAR = {"X": drive(45.0, 280.0, 0.06, 6.0), "Y": drive(45.0, 260.0, 0.06, 6.0)}
+"""Drives of the campaigns dynamic-none and planar-none."""
 LIMITS = {
     "linear": {"travel": [-400.0, 400.0], "max_feed": 20000.0, "max_acceleration": 4000.0},
     "tilt": {"travel": [-120.0, 120.0], "max_feed": 13000.0, "max_acceleration": 60000.0},
@@ -58,7 +35,7 @@ def machine(
     origins: dict[str, list[float]] | None = None,
     directions: dict[str, list[float]] | None = None,
 ) -> Machine:
-    """Machine of any letters; C turns without end, A and B tilt; axes in the shared campaigns' order (bed
+    """Machine of any letters; C turns without end, A and B tilt; axes in the campaigns' order (bed
     outward).
     """
     words = structure.split()
@@ -85,19 +62,19 @@ def machine(
 
 
 def dynamic_table() -> Machine:
-    """shared/campaigns/dynamic-none: tilting table A C, Y under it, X and C with drives."""
+    """campaign dynamic-none: tilting table A C, Y under it, X and C with drives."""
     sigma = {"EX0C": 30.0, "EY0C": 30.0, "EA0C": 50.0, "EB0C": 50.0}
     return machine("w C' A' Y' b X Z t", {k: {"sigma": v} for k, v in sigma.items()}, drives=SYNCHRONOUS)
 
 
 def planar_table() -> Machine:
-    """shared/campaigns/planar-none: the same structure, X and Y with drives, baseline squareness and EXX."""
+    """campaign planar-none: the same structure, X and Y with drives, baseline squareness and EXX."""
     errors = {"EC0X": {"sigma": 40.0}, "EXX": {"basis": "polynomial", "order": 1, "sigma": 5.0}}
     return machine("w C' A' Y' b X Z t", errors, drives=PLANAR)
 
 
 def static_table() -> Machine:
-    """shared/campaigns/static-none: tilting table B C, the B axis 50 mm below the origin."""
+    """campaign static-none: tilting table B C, the B axis 50 mm below the origin."""
     errors = {f"E{c}0B": {"sigma": s} for c, s in (("X", 40.0), ("Z", 40.0), ("A", 80.0), ("C", 80.0))}
     errors |= {f"E{c}0C": {"sigma": s} for c, s in (("X", 40.0), ("Y", 40.0), ("A", 80.0), ("B", 80.0))}
     return machine("w C' B' Y' b X Z t", errors, origins={"B": [0.0, 0.0, -50.0]})

@@ -35,7 +35,7 @@ PLAIN = NoiseOptions()
 QUIET = NoiseOptions(white_um=0.0)
 """No noise at all."""
 LIKE_PLANAR = NoiseOptions(coloured_um=0.25, correlation_s=0.85, outlier_rate=0.0014, outlier_um=3.0)
-"""What shared/campaigns/planar-none shows: coloured part, rare outliers."""
+"""What campaign planar-none shows: coloured part, rare outliers."""
 
 
 def noise(t: Array, channels: int, white_um: float, options: NoiseOptions, rng: np.random.Generator) -> Array:
