@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import plant
 import pytest
 from scipy.spatial.transform import Rotation
 
@@ -21,8 +22,7 @@ MACHINES = {
     "head": ("w X' b Y Z C B t", {"B": [5.0, 0.0, 120.0]}, {}),
     "mixed": ("w C' X' b Y Z B t", {"B": [0.0, 0.0, 150.0], "C": [1.0, 2.0, 0.0]}, {}),
 }
-LOCATION = {"EX0C": 31.0, "EY0C": -22.0, "EA0C": 83.0, "EB0C": -64.0, "EX0B": 15.0, "EZ0B": 26.0, "EA0B": 47.0,
-            "EC0B": -38.0, "EC0X": 29.0, "EA0Z": -41.0, "EB0Z": 12.0}  # fmt: skip
+LOCATION = plant.LOCATION | {"EC0X": 29.0, "EA0Z": -41.0, "EB0Z": 12.0}
 MOTION = {"EXC.cos1": 4.0, "EXC.sin1": -3.0, "EAC.cos1": 21.0, "EAC.sin1": 17.0, "EYX.P2": 6.0, "ECX.P1": -13.0}
 N = 9
 

@@ -6,6 +6,7 @@ import numpy as np
 import plant
 import pytest
 from lean import location_only
+from plant import LOCATION
 
 from symfive.campaign import read_campaign
 from symfive.cli import main
@@ -14,16 +15,6 @@ from symfive.identify import identify
 from symfive.machine import write_machine
 from symfive.model import Model
 
-LOCATION = {
-    "EX0C": 31.0,
-    "EY0C": -22.0,
-    "EA0C": 83.0,
-    "EB0C": -64.0,
-    "EX0B": 15.0,
-    "EZ0B": 26.0,
-    "EA0B": 47.0,
-    "EC0B": -38.0,
-}
 POSES = plant.grid_poses([-50.0, -20.0, 35.0], [0.0, 75.0, 160.0, 250.0])
 SETUP = {"table_ball": [14.0, -9.0, 6.0], "tool_ball": [11.0, -7.0, 5.0], "length": 0.0, "zero": [120.0, -80.0, 40.0]}
 SLANTED = [[2.0**0.5, 0.0, 1.0], [-(0.5**0.5), 1.5**0.5, 1.0], [-(0.5**0.5), -(1.5**0.5), 1.0]]

@@ -9,6 +9,7 @@ import numpy as np
 import plant
 import pytest
 from lean import location_only
+from plant import LOCATION
 
 from symfive.campaign import Campaign, Run, SetupSigma, read_campaign
 from symfive.cli import main
@@ -24,16 +25,6 @@ from symfive.procedures import r_test_grid
 from symfive.simulate import simulate
 from tests.plan_checker.machines import random_machine
 
-LOCATION = {
-    "EX0C": 31.0,
-    "EY0C": -22.0,
-    "EA0C": 83.0,
-    "EB0C": -64.0,
-    "EX0B": 15.0,
-    "EZ0B": 26.0,
-    "EA0B": 47.0,
-    "EC0B": -38.0,
-}
 MOTION = {"EXC": {"basis": "fourier", "order": 1, "sigma": 9.0}, "EYX": {"basis": "polynomial", "order": 2, "sigma": 9.0},
           "EXX": {"basis": "polynomial", "order": 3, "sigma": 9.0}}  # fmt: skip
 SIZES = {"EXC.cos1": 4.0, "EXC.sin1": -3.0, "EYX.P2": 6.0, "EYX.P1": -2.0, "EXX.P1": 7.0, "EXX.P2": 3.0, "EXX.P3": -5.0}

@@ -20,6 +20,10 @@ def drive(position: float, velocity: float, integral_s: float, viscous: float) -
 SYNCHRONOUS = {"X": drive(40.0, 300.0, 0.05, 8.0), "C": drive(40.0, 260.0, 0.05, 8.0)}
 PLANAR = {"X": drive(45.0, 280.0, 0.06, 6.0), "Y": drive(45.0, 260.0, 0.06, 6.0)}
 """Drives of the campaigns dynamic-none and planar-none."""
+LOCATION = {
+    "EX0C": 31.0, "EY0C": -22.0, "EA0C": 83.0, "EB0C": -64.0, "EX0B": 15.0, "EZ0B": 26.0, "EA0B": 47.0, "EC0B": -38.0,
+}  # fmt: skip
+"""Errors of the rotary axes B and C, each of another size, µm and µrad."""
 LIMITS = {
     "linear": {"travel": [-400.0, 400.0], "max_feed": 20000.0, "max_acceleration": 4000.0},
     "tilt": {"travel": [-120.0, 120.0], "max_feed": 13000.0, "max_acceleration": 60000.0},
