@@ -9,6 +9,7 @@ import numpy as np
 import plant
 import pytest
 from concealed_world import circle_runs, read_by_the_plant
+from lean import location_only
 
 from symfive.campaign import Campaign, read_campaign
 from symfive.diagnose import (
@@ -127,8 +128,7 @@ def test_an_effect_below_the_noise_shows_as_one_parameter_that_is_not_the_same_i
 
 
 def test_repeated_runs_show_the_noise_that_a_mismatch_would_swell():
-    machine = preset("table-bc")
-    rigid = replace(machine, errors={term.name: term for term in machine.location_errors})
+    rigid = location_only("table-bc")
     once = r_test_grid(rigid, step_deg=45.0)
     twice = [replace(r, id=f"{r.id}-again", file=f"{r.id}-again.csv") for r in once]
     plan = campaign_of(rigid, (*once, *twice))

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from lean import location_only
 
 from symfive.campaign import Campaign, read_campaign
 from symfive.design import APART, Discrimination, Separation, discriminate, in_addition, in_common, write_test
@@ -47,8 +48,7 @@ def test_a_rival_whose_steps_lead_beyond_the_readings_is_judged_by_the_best_of_t
 def test_discrimination_finds_the_test_that_an_expert_would_take() -> None:
     """A bow of Y across X and a scale error of X quadratic in x look alike on one circle (EFFECTS.md 2.2): a repeat tells
     nothing, a circle elsewhere does."""
-    machine = preset("three-axis")
-    machine = replace(machine, errors={k: v for k, v in machine.errors.items() if v.is_location}, text="")
+    machine = location_only("three-axis")
     options = {"basis": "polynomial", "order": 2}
     here = planar_circle(machine, plane="XY", feed=2000.0, direction="ccw", rate_hz=20.0)
     there = planar_circle(machine, plane="XY", feed=2000.0, direction="ccw", rate_hz=20.0, centre=(0.0, 100.0, 80.0))

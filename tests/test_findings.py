@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from lean import location_only
 from test_outliers import NOISE_UM, TARGETS, campaign
 
 from symfive.campaign import Campaign, Run, read_campaign
 from symfive.diagnose import Finding, amend, diagnose, facts_of, findings_of, locate
 from symfive.effects import EFFECTS, Form, make_effect
-from symfive.machine import preset
 from symfive.posterior import (
     WHITE,
     Expansion,
@@ -151,8 +151,7 @@ def test_a_law_that_holds_has_no_discrepancy() -> None:
 
 def test_a_component_that_the_sensor_does_not_see_is_no_alternative() -> None:
     """A sensor along y reads positioning errors of X by their product with a squareness: millimetres of them would fit."""
-    machine = preset("three-axis")
-    machine = replace(machine, errors={term.name: term for term in machine.location_errors})
+    machine = location_only("three-axis")
     x = np.concatenate([np.linspace(-300.0, 300.0, 31), np.linspace(300.0, -300.0, 31)])
     rough = np.random.default_rng(3).normal(0.0, 0.3, len(x))
     run = Run(

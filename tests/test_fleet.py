@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from lean import location_only
 from processes import local_cluster
 
 from symfive import cli
@@ -105,8 +106,7 @@ def test_what_is_not_explained_is_said(machines: Path, measured: list[Simulation
 
 
 def test_machines_of_several_kinds_share_a_table(machines: Path, tmp_path: Path) -> None:
-    three = preset("three-axis")
-    machine = replace(three, errors={t.name: t for t in three.errors.values() if t.is_location})
+    machine = location_only("three-axis")
     write_campaign(
         simulate(campaign_of(machine, planar_circle(machine, rate_hz=4.0)), seed=1).campaign, tmp_path / "a/b"
     )
