@@ -102,7 +102,7 @@ def diagnose(
     progress("cross-validation: leaving out runs in turn")
     return Diagnosis(
         p_value=_p_value(posterior),
-        noise_um=float(np.sqrt(np.mean([n.white**2 for n in after.noises.values()]))),
+        noise_um=after.white_noise,
         findings=findings,
         fit=cross_validated(before, after),
         detection=detection,
