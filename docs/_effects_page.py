@@ -38,6 +38,7 @@ OPTIONS: dict[str, tuple[str | None, dict[str, object]]] = {
     "force_ripple": ("X", {"period": 10.0}),
     "force_vibration": ("X", {"frequency_hz": 7.0}),
     "gravity_torque": ("B", {}),
+    "held_friction": ("X", {}),
     "load_inertia": ("B", {}),
     "load_moment": ("Y", {}),
     "varying": (None, {"of": make_effect("backlash", "C"), "over": "B"}),

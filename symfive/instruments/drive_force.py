@@ -88,6 +88,34 @@ def rest_speed(run: Run) -> float:
     return float(run.options.get("v_rest", V_REST))
 
 
+def moved(run: Run, machine: Machine) -> Array:
+    """Position (N,) of the driven axis, mm or degree: that of the encoder where the motion is taken from it."""
+    axis = machine.axes[run.options["axis"]]
+    measured = run.readings.get(f"{axis.name}_act_{axis.unit}") if run.options.get("motion_from") == "encoder" else None
+    return run.commands[axis.name] if measured is None else measured
+
+
+def stands(run: Run, machine: Machine) -> Flags:
+    """Of each interval between two rows (N - 1,) whether the driven axis moves less than `v_rest` allows: in none if the axis
+    never moves, for then the drive reads what the axis holds."""
+    still = np.abs(np.diff(moved(run, machine))) < rest_speed(run) * np.diff(run.time)
+    return np.asarray(still & ~still.all())
+
+
+def _rests(run: Run, machine: Machine) -> Flags:
+    """Rest between motions (N,): both ends of each interval in which the axis stands, and as far as the low-pass carries them
+    (1/`low_pass_hz`)."""
+    still = stands(run, machine)
+    rows = np.append(still, False) | np.append(False, still)
+    reach = int(1.0 / (float(run.options.get("low_pass_hz", np.inf)) * run.interval)) if still.any() else 0
+    return np.asarray(np.convolve(rows, np.ones(2 * reach + 1), "same") > 0.0)
+
+
+def rest_counts(run: Run) -> bool:
+    """Whether what the drive of a run reads at rest counts."""
+    return run.options.get("at_rest") != IGNORED
+
+
 def driven_axis(run: Run) -> str | None:
     """The axis whose drive force a run records; None where it records none."""
     return str(run.options.get("axis")) if DriveForce.name in run.instrument else None
@@ -150,14 +178,13 @@ class DriveForce(Instrument):
         return {"v_rest": rest_speed(run) * machine.axes[run.options["axis"]].to_internal}
 
     def undetermined(self, run: Run, machine: Machine) -> Flags:
-        ignored = run.options.get("at_rest") == IGNORED
-        return self._rests(run, machine) if ignored else super().undetermined(run, machine)
+        return super().undetermined(run, machine) if rest_counts(run) else _rests(run, machine)
 
     def remarks(self, run: Run, machine: Machine, found: Mapping[str, tuple[float, float]]) -> tuple[str, ...]:
-        count, said = int(self._rests(run, machine).sum()), list[str]()
+        count, said = int(_rests(run, machine).sum()), list[str]()
         unit = machine.axes[run.options["axis"]].unit
         rest = f"at rest (v_rest = {rest_speed(run):g} {unit}/s)"
-        if count and run.options.get("at_rest") == IGNORED:
+        if count and not rest_counts(run):
             said.append(f"run {run.id}: {count} readings {rest} are not counted")
         elif count:
             what = f'{rest}, where friction may hold any force up to its level; at_rest = "{IGNORED}" leaves them out'
@@ -184,20 +211,6 @@ class DriveForce(Instrument):
         even = rows * (run.time[-1] - run.time[0]) / rows[-1]
         own, smooth = (np.gradient(np.gradient(position, t), t) for t in (run.time, even))
         return float(np.linalg.norm(own - smooth) / (np.linalg.norm(smooth) or 1.0))
-
-    def _rests(self, run: Run, machine: Machine) -> Flags:
-        """Rest between motions (N,): both ends of each interval in which the axis moves less than `v_rest` allows, and as far as
-        the low-pass carries them (1/`low_pass_hz`). A recording at rest as a whole has none: it reads what the axis holds."""
-        axis = machine.axes[run.options["axis"]]
-        position = run.commands[axis.name]
-        if run.options.get("motion_from") == "encoder":
-            position = run.readings.get(f"{axis.name}_act_{axis.unit}", position)
-        rests = np.abs(np.diff(position)) < rest_speed(run) * np.diff(run.time)
-        if rests.all() or not rests.any():
-            return np.zeros(run.rows, dtype=bool)
-        rows = np.append(rests, False) | np.append(False, rests)
-        reach = int(1.0 / (float(run.options.get("low_pass_hz", np.inf)) * run.interval))
-        return np.asarray(np.convolve(rows, np.ones(2 * reach + 1), "same") > 0.0)
 
     def signals(self, run: Run, machine: Machine) -> tuple[Signal, ...]:
         from symfive.motion import Acceleration, Velocity

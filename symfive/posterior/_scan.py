@@ -37,7 +37,7 @@ PADDED = 4
 """Frequencies per resolved one, over 2, so that a sine between two of them loses 1 % of its power at most (sinc²)."""
 CELLS = 2**20
 """Rows times frequencies of which Δ is computed: all that are looked for of some hundred targets, where what is fitted takes a
-different share of each frequency; the highest of a spectrum where rows are many and the shares alike."""
+different share of each frequency; the highest peaks of a spectrum where rows are many and the shares alike."""
 FINE = 8
 """Cells of the grid per shortest period, so that sharing a reading between two of them loses 5 % of it at most (sinc²)."""
 
@@ -159,15 +159,24 @@ class _Seen:
         seen = (cycles >= tone.lowest) & (cycles <= tone.highest)
         if not seen.any():
             return
-        few = max(1, CELLS // sum(run.rows for run in runs))
-        highest = np.flatnonzero(seen)[np.argsort(-score[seen])[:few]]
 
-        def waves(run: Run) -> Array:
-            turns = 2.0 * np.pi * np.outer(at[run.id], cycles[highest])
-            return np.stack([np.cos(turns), np.sin(turns)], axis=2)
+        def best_of(where: Indices) -> int:
+            def waves(run: Run) -> Array:
+                turns = 2.0 * np.pi * np.outer(at[run.id], cycles[where])
+                return np.stack([np.cos(turns), np.sin(turns)], axis=2)
 
-        each = [self._beside((tone.channel, tone.axis), some, waves) for some in together]
-        best = highest[int(np.argmax(sum(_drop(h, s, WIDTHS[-1]) for h, s in each if len(s))))]
+            each = [self._beside((tone.channel, tone.axis), some, waves) for some in together]
+            return int(where[np.argmax(sum(_drop(h, s, WIDTHS[-1]) for h, s in each if len(s)))])
+
+        where, few = np.flatnonzero(seen), CELLS // sum(run.rows for run in runs)
+        if len(where) <= few:
+            best = best_of(where)
+        else:
+            inside = np.where(seen, score, 0.0)
+            peaks = where[(score[where] >= inside[where - 1]) & (score[where] >= inside[(where + 1) % len(inside)])]
+            highest = peaks[np.argsort(-score[peaks])[: max(1, few // (2 * PADDED))]]
+            about = best_of(highest)
+            best = best_of(where[np.abs(where - about) < PADDED])
         yield tone.form(float(cycles[best]), PADDED * float(cycles[1]), int(seen.sum()) // (2 * PADDED) + 1)
 
 
