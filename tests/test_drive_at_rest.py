@@ -151,6 +151,16 @@ def test_friction_that_stays_as_the_axis_came_to_rest_has_a_side() -> None:
     assert fit.rms_kept["N"] < 2.0 * NOISE and plain.rms_kept["N"] > 10.0 * NOISE
 
 
+def test_friction_at_rest_and_in_motion_act_together() -> None:
+    """Readings whose baseline has no friction need both."""
+    made = recorded()
+    (run,) = made.runs
+    bare = replace(made, runs=(replace(run, options={**run.options, "force_terms": ("mass", "viscous")}),))
+    found = {f.effect.key: f for f in diagnose(bare).findings}
+    assert set(found) == {"force_friction.X", "held_friction.X.each"}
+    assert found["force_friction.X"].parameters["coulomb"].value == pytest.approx(COULOMB, abs=0.5)
+
+
 def test_a_drive_that_never_rests_holds_nothing() -> None:
     run = recorded().runs[0]
     moving = replace(run, commands={"X": 100.0 * np.sin(run.time)}, options={"axis": "X"})

@@ -41,10 +41,10 @@ class Effect:
     """Base of all effects. A subclass is one file and one line in the table of `symfive.effects`.
 
     `id` is its name, `reported_as` the word of the vocabulary (docs/conventions.md, section 7) for it where
-    that is another one, `stage` one of `STAGES`, `axis` the axis it belongs to (None: no axis). Further
-    fields of a subclass say which of several forms is meant (a component, a run, a shape), `choices` what
-    they may be; `tag` distinguishes two effects of one kind and axis. A field `component` (`EYX`, `EA0C`) is the
-    error to which it adds. `spread` multiplies the prior 1σ of its amplitudes.
+    that is another one, `state` that in which alone it acts, where its name means something else in others, `stage` one of
+    `STAGES`, `axis` the axis it belongs to (None: no axis). Further fields of a subclass say which of several forms is meant (a
+    component, a run, a shape), `choices` what they may be; `tag` distinguishes two effects of one kind and axis. A field
+    `component` (`EYX`, `EA0C`) is the error to which it adds. `spread` multiplies the prior 1σ of its amplitudes.
 
     `says` what it does, `hidden_by` what absorbs it and `action` what a service engineer does about it are sentences of the
     report, without a capital and a full stop.
@@ -61,6 +61,7 @@ class Effect:
     hidden_by: ClassVar[str] = ""
     action: ClassVar[str] = ""
     reported_as: ClassVar[str] = ""
+    state: ClassVar[str] = ""
     choices: ClassVar[tuple[tuple[str, tuple[str, ...]], ...]] = ()
     needs_axis: ClassVar[bool] = False
     needs_drive: ClassVar[bool] = False

@@ -61,6 +61,7 @@ class HeldFriction(SizedForce):
     action = "none: every drive with friction does so, and the machine needs no repair"
     coordinate = "t"
     reported_as = "friction"
+    state = "at rest"
     dynamic_only = True
     choices = (("shape", SHAPES),)
     shape: str = "side"

@@ -155,7 +155,7 @@ def terms_of(forms: Sequence[Form]) -> tuple[Term, ...]:
             share = EXPECTED * axes[name[0]] / max(1, ways[name[0]])
             prior = share * effect.rate / total
         law = effect.of if isinstance(effect, Varying) else effect
-        own = (*name_of(law), law.key if form.placed else getattr(law, "component", None))
+        own = (*name_of(law), law.key if form.placed else getattr(law, "component", None) or law.state)
         slot = ("", law.coordinate) if law.unidentified else own
         frees = frozenset(effect.frees())
         needs = effect.key if isinstance(effect, Varying) and effect.key in there else ""
