@@ -74,6 +74,19 @@ def test_a_step_that_no_second_one_corrects_is_shortened():
     assert converged and values == pytest.approx(0.0, abs=1e-4)
 
 
+@pytest.mark.parametrize("steepness", [60.0, 100.0, 200.0])
+def test_a_fit_goes_on_to_a_kink_however_often_its_steps_are_shortened(steepness):
+    """A play meets its other side at 1: every whole step leads far beyond."""
+
+    def kinked(at: np.ndarray) -> tuple[float, np.ndarray]:
+        beyond = at[0] > 1.0
+        residual = 2.6 - 0.3 * at[0] + (steepness + 0.3) * beyond * (at[0] - 1.0)
+        return residual, np.array([-steepness if beyond else 0.3])
+
+    values, converged, _ = _walked(kinked, [0.0], 1e-12)
+    assert converged and values == pytest.approx(1.0, abs=1e-2)
+
+
 def test_a_fit_settles_where_a_sum_is_known_and_its_parts_are_not():
     """The zero of an angle and the skew EC0B read alike: each is known to 100 µrad, their sum to a fifth of one."""
     angles = np.linspace(0.0, 345.0, 24)

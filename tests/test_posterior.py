@@ -46,7 +46,7 @@ from symfive.posterior import (
 from symfive.posterior._evidence import Turned
 from symfive.posterior._explore import log_prior  # of a subset, with nothing that the readings say
 from symfive.posterior._scale import least, solved  # two scales of the noise, matrices that rounding has spoilt
-from symfive.procedures import campaign_of, r_test_grid
+from symfive.procedures import campaign_of, planar_circle, r_test_grid
 from symfive.simulate import simulate
 
 
@@ -259,6 +259,21 @@ def test_a_name_in_the_place_of_one_member_is_no_rival_of_another(moments: Momen
     plain, coarse = Posterior(held, {mine: 0.0, instead: -30.0}), Posterior(held, {mine: 0.0, instead: 0.0})
     rivals = {verdict.term: verdict.rivals.get(held.terms[other].name, 0.0) for verdict in decide(plain, coarse)}
     assert rivals[1] > 0.45 and rivals[0] < 0.05
+
+
+def test_another_component_joins_in_the_law_of_the_held_one() -> None:
+    """A roll that gave way over some distance was stated without EYX, which reads the same at one height: that was looked at as a
+    step only."""
+    machine = preset("three-axis")
+    grids = planar_circle(machine, plane="XY", feed=1000.0, rate_hz=10.0, instrument="grid_encoder")
+    stated = candidates(campaign_of(machine, grids))
+    roll = next(form for form in stated.forms if form.effect.key == "lateral_play.EAX")
+    gradual = next(shape for shape in roll.shapes if shape.shape == "play")
+    truth = {"lateral_play.EAX.width": 30.0, "lateral_play.EAX.distance": 50.0}
+    campaign = simulate(campaign_of(machine, grids), truth=truth, effects=[gradual], seed=1).campaign
+    fit = fitted(Model(campaign, [gradual]), [truth], WHITE, 1.0)
+    terms = moments_about(expanded(fit, [replace(roll, effect=gradual)], stated)[0], stated).terms
+    assert "play" in {t.effect.shape for t in terms if t.effect.key == "lateral_play.EYX" and not t.needs}
 
 
 def test_a_rival_in_a_held_law_is_none_of_the_effects_that_the_fit_holds(moments: Moments) -> None:

@@ -28,7 +28,6 @@ from symfive.effects import Quantity, make_effect
 from symfive.errors import InputError
 from symfive.identify import Outlier, identify
 from symfive.machine import preset
-from symfive.model import Model
 from symfive.numbers import change, in_words, percent, power_of_ten
 from symfive.procedures import campaign_of, planar_circle
 from symfive.report import (
@@ -159,8 +158,7 @@ def test_a_residual_above_the_noise_asks_for_a_repeat_that_there_is_not_yet(foun
     assert "repeat one run" in closing(left)
     campaign = found.after.model.campaign
     again = tuple(replace(run, id=f"{run.id}-2", file=f"{run.id}-2.csv") for run in campaign.runs)
-    model = Model(replace(campaign, runs=(*campaign.runs, *again)))
-    repeated = replace(left, after=replace(found.after, model=model))
+    repeated = replace(left, after=identify(replace(campaign, runs=(*campaign.runs, *again))))
     assert "repeat one run" not in closing(repeated) and "scatter of the repeated runs" in closing(repeated)
 
 

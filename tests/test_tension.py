@@ -10,7 +10,9 @@ from symfive.campaign import Campaign
 from symfive.diagnose import diagnose
 from symfive.identify import Tension, identify, relief_notes, tensions
 from symfive.machine import preset
-from symfive.procedures import campaign_of, planar_circle
+from symfive.model import Model
+from symfive.procedures import campaign_of, planar_circle, r_test_grid
+from symfive.report import diagnosis_text
 from symfive.simulate import simulate
 
 MACHINE = preset("table-bc")
@@ -50,6 +52,16 @@ def test_a_finding_that_only_relieves_the_priors_is_doubted() -> None:
     assert (
         "check first where balls" in (said := " ".join(found.doubts).lower()) and "how long the bar is (length" in said
     )
+
+
+def test_a_diagnosis_without_findings_says_what_to_check() -> None:
+    """A tool 0.4 mm shorter than entered went into EZ0A, 11 prior 1σ from its mean, and the diagnosis asked for further runs."""
+    plan = campaign_of(MACHINE, r_test_grid(MACHINE, step_deg=45.0))
+    exact = dict.fromkeys((p.name for p in Model(plan).parameters), 0.0)
+    shorter = {f"setup.{run.id}.tool_ball.z": 400.0 for run in plan.runs}
+    found = diagnose(simulate(plan, truth=exact | shorter, seed=1).campaign)
+    assert not found.findings and "where balls and nests stand" in found.doubts[0]
+    assert "Next: check the set-up" in diagnosis_text(found) and found.doubts[0] in found.summary
 
 
 def test_readings_that_refute_a_fit_are_not_explained_nearly_as_well_by_it() -> None:

@@ -17,7 +17,7 @@ from symfive.diagnose._intervals import Interval
 from symfive.diagnose._locate import Location, Observability
 from symfive.diagnose._words import facts_of
 from symfive.effects import Effect, Quantity, coordinate_words, effect_words
-from symfive.identify import UNCONVERGED, Identification, relief_notes
+from symfive.identify import UNCONVERGED, Identification, relief_notes, tension_notes
 from symfive.inference import Outlier
 from symfive.numbers import change, expected_ratio, in_words, percent, plain_number, with_std
 from symfive.screen import OnScreen, listed, wrapped
@@ -263,10 +263,10 @@ class Diagnosis(OnScreen):
             return " ".join([*(f.says for f in self.findings), *self.doubts])
         left = plain_number(self.fit.rms_after_um, self.after.unit)
         text = f"None of the {len(self.observability)} effects tested is significant (residual {left} {self.after.unit} rms)."
-        if self._beyond_noise:
-            beyond = "slow noise of the instrument, or an effect that these recordings cannot locate"
-            return f"{text} It is {self._beyond_noise}: {beyond}."
-        return f"{text} The model explains the readings down to the declared noise."
+        beyond = "slow noise of the instrument, or an effect that these recordings cannot locate"
+        explained = "The model explains the readings down to the declared noise."
+        rest = f"It is {self._beyond_noise}: {beyond}." if self._beyond_noise else explained
+        return " ".join([text, rest, *self.doubts])
 
     def _warned(self, said: str) -> str:
         """Behind a warning where a recording seems to be wrong, or the fit did not converge."""
@@ -300,10 +300,16 @@ class Diagnosis(OnScreen):
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """What speaks against the findings, and what is left beside them."""
-        if not self.findings:
-            return self.unnamed
-        return (*self.fit.doubts(self.after.unit), *relief_notes(self.detection.fit, self.after), *self.unnamed)
+        """What speaks against the findings, where the final fit is far from its priors, and what is left beside it."""
+        against = (
+            (*self.fit.doubts(self.after.unit), *relief_notes(self.detection.fit, self.after)) if self.findings else ()
+        )
+        return (*against, *self.tension, *self.unnamed)
+
+    @property
+    def tension(self) -> tuple[str, ...]:
+        """Which error is further from its prior mean than can be, and what to check; nothing where none is."""
+        return tuple(f"{said[:1].upper()}{said[1:]}." for said in tension_notes(self.after))
 
     @property
     def excluded(self) -> tuple[str, ...]:

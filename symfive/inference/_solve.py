@@ -24,10 +24,9 @@ large 1σ each, while their sum is known."""
 FIRST_DAMPING, LEAST_DAMPING = 1e-3, 1e-7
 """Of the diagonal. Where readings are far finer than priors, a curved valley that priors alone lead along is as much flatter
 than its walls: a step with less damping than the least is not held back along it."""
-PATIENCE, STALLED, STILL = 8, 1.0, 0.01
-"""Where this many steps together lower -2 log posterior by less than the second, the rest of the way is not worth it: readings
-that stick and slip, or a play that is hardly seen, have a cost with kinks, in which every step is cut short. Where they lower
-it by less than the last, a tenth of 1σ of any parameter, the fit has converged."""
+PATIENCE, STILL = 8, 0.01
+"""Where so many steps, each shortened until it lowers -2 log posterior, together lower it by less than the second, a tenth of 1σ
+of any parameter, the fit has converged: readings that stick and slip, or a play that is hardly seen, have a cost with kinks."""
 COST_TOLERANCE = 1e-4
 """Or when -2 log posterior falls by no more than this, in a whole step or in so many shortened ones: it says nothing about any
 parameter."""
@@ -79,11 +78,12 @@ def gauss_newton(problem: Problem, values: Array, tolerance: float, steps: int =
         departure = values - model.prior_mean
         pulled = float(np.sum((departure**2 * precision)[free]))
         total = np.inf if information is None else information.square + pulled
-        history.append(min(total, last))
-        gained = history[-1 - PATIENCE] - history[-1] if len(history) > PATIENCE else np.inf
-        if damping > 0.0 and gained < STALLED:
-            return best, bool(gained < STILL)  # no lower in steps of any length: a kink
         accepted = np.isfinite(total) and total <= last * (1 + 1e-12) + 1e-9
+        if accepted:
+            history.append(total)
+            gained = history[-1 - PATIENCE] - total if len(history) > PATIENCE else np.inf
+            if damping > 0.0 and gained < STILL:
+                return values, True
         if information is not None:
             here, pull = information.matrix + np.diag(precision), information.gradient - departure * precision
             if not accepted and damping == 0.0 and not corrected:
@@ -95,7 +95,7 @@ def gauss_newton(problem: Problem, values: Array, tolerance: float, steps: int =
         elif not accepted:
             damping, growth = max(growth * damping, FIRST_DAMPING), 2.0 * growth
             if damping > 1e9 or not matrix.size:
-                return best, False
+                return best, bool(matrix.size)  # no lower in steps of any length: a kink
         else:
             settled = last - total < max(COST_TOLERANCE, 1e-12 * total) and damping == 0.0
             ratio = (last - total) / max(expected, 1e-300)

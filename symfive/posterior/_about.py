@@ -14,7 +14,7 @@ from symfive.motion import Play, PreSliding
 from symfive.posterior._fit import WHITE, Expansion
 from symfive.posterior._moments import Moments, moments_of
 from symfive.posterior._scan import placed
-from symfive.posterior._terms import Candidates, name_of, variations_of
+from symfive.posterior._terms import Candidates, variations_of
 
 __all__ = ["moments_about"]
 
@@ -35,14 +35,14 @@ def moments_about(here: Expansion, candidates: Candidates) -> Moments:
 
 
 def _in_held_laws(here: Expansion, candidates: Candidates) -> Iterator[Form]:
-    """Effects of other names in the laws that the fit holds: what may stand in the place of a held effect is looked at where the
-    same contact gives way in the same shape, over the same distance, and where it moves the readings as much."""
+    """Other effects, or components, in the laws that the fit holds: what may stand in the place of a held effect is looked at
+    where the same contact gives way in the same shape, over the same distance, and where it moves the readings as much."""
     taken = {effect.key for effect in here.fit.model.effects}
     for held in here.held:
         laws = {(type(law), law.axis): law.parameters for law in _contacts(held.effect)}
         change = here.fit.model.contribution(held.effect, here.fit.values) if laws else {}
         for form in candidates.forms if laws else ():
-            if form.at or form.effect.key in taken or name_of(form.effect) == name_of(held.effect):
+            if form.at or form.effect.key in taken:
                 continue
             for shape in (each for each in form.shapes if each.key not in taken):
                 same = (
@@ -60,17 +60,15 @@ def _in_held_laws(here: Expansion, candidates: Candidates) -> Iterator[Form]:
 def _as_large(
     fit: Identification, change: Mapping[str, Array], effect: Effect, at: Mapping[str, float]
 ) -> dict[str, float]:
-    """The parameters at which an effect comes nearest to a `change` of the readings, run id → (N, ny), by least squares in noise;
-    none where the readings do not depend on the law's, `at`."""
+    """The parameters at which an effect comes nearest to a `change` of the readings, run id → (N, ny), by least squares in noise
+    and the prior of its size; none where the readings do not depend on the law's, `at`."""
     campaign = fit.model.campaign
     model = Model(campaign, (*fit.model.added, effect))
     values = {**fit.named, **effect.typical(campaign), **at}
     its = model.contribution(effect, values)
     noise = {run.id: fit.model.noise(run) for run in campaign.runs}
     given, seen = (sum(float(np.sum(its[k] * other[k] / n**2)) for k, n in noise.items()) for other in (change, its))
-    if seen == 0.0:
-        return {}
-    values |= {p.name: values[p.name] * given / seen for p in effect.amplitudes(campaign)}
+    values |= {p.name: values[p.name] * given / (seen + 1.0) for p in effect.amplitudes(campaign)}
     numbers, vector = [model.index[name] for name in at], model.vector(values)
     lines = (model.linearise(run, vector, ahead=True) for run in campaign.runs)
     if not any(np.any(line.jacobian[:, :, np.isin(line.columns, numbers)]) for line in lines):

@@ -28,6 +28,8 @@ def _next_step(diagnosis: Diagnosis) -> str:
     for finding in diagnosis.by_share:
         if finding.next_test and finding.test is not None:
             return f"record {finding.next_test}: {finding.test.says}"
+    if diagnosis.tension and not diagnosis.findings:
+        return "check the set-up as said above before you enter a correction"
     if diagnosis.unnamed:
         return "repeat the runs at another position or feed; these readings do not show the cause"
     if any(finding.alias for finding in diagnosis.findings):
