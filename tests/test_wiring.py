@@ -151,6 +151,7 @@ def test_a_reversed_run_is_said_beside_other_physics() -> None:
     assert right.other_readings == () and ("backlash", "X") in {(f.name, f.axis) for f in right.findings}
 
 
+@pytest.mark.slow
 def test_a_reversed_sensor_is_said_beside_a_play() -> None:
     play = make_effect("lateral_play", component="EYA")
     measured = simulate(PLAN, truth={p.name: 20.0 for p in play.parameters(PLAN)}, effects=[play], seed=4).campaign
