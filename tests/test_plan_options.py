@@ -15,7 +15,8 @@ from symfive.campaign import read_campaign
 from symfive.cli import main
 from symfive.design import Plan, assess, plan, plan_sweeps, plan_together
 from symfive.errors import InputError
-from symfive.machine import Workspace, preset, write_machine
+from symfive.machine import Structure, Workspace, preset, write_machine
+from symfive.nc import Post, program
 
 OYAMA = location_only("oyama-2010")
 
@@ -303,3 +304,14 @@ def test_axes_without_an_address_have_a_plan_and_no_programs(
     assert main([*asked, str(tmp_path / "plan")]) == 0
     assert f"note: no programs: axis {name}" in capsys.readouterr().err
     assert (tmp_path / "plan" / "setup.html").is_file() and not (tmp_path / "plan" / "nc").exists()
+
+
+def test_a_quill_that_no_test_needs_stands_still_inside_its_reach() -> None:
+    """Its travel begins at 0: it rests off that end, as every linear axis keeps, and no block of the program moves it."""
+    six = preset("table-bc")
+    quill = replace(six.axes["Z"], name="W", travel=(0.0, 150.0))
+    machine = replace(six, structure=Structure.parse("w C' B' X' Y' b Z W t"), axes={**six.axes, "W": quill}, text="")
+    made = plan(machine, points=4, setups=1, starts=1, prove=False, anywhere=False)
+    (run,) = made.campaign.runs
+    assert np.all(run.commands["W"] == machine.workspace.clearance)
+    assert set(re.findall(r"W(-?[\d.]+)", program(machine, run, "iso", Post()))) == {"2.00000"}
