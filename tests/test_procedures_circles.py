@@ -1,5 +1,7 @@
 """Circles of the procedures: synchronous, planar, rotary and cone, against the papers and closed forms."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from test_procedures import SHARED, offset_of
@@ -251,6 +253,16 @@ def test_the_suggested_feed_is_possible():
         with pytest.raises(InputError, match="lower the feed to at most") as caught:
             planar_circle(machine, radius=radius, feed=50_000.0, rate_hz=2000.0)
         assert planar_circle(machine, radius=radius, feed=float(caught.value.remedy.split()[-2]), rate_hz=2000.0)
+
+
+def test_a_table_that_turns_against_iso_841_has_its_ball_above_it() -> None:
+    """As the stock trunnion modules of LinuxCNC turn: only the angles of C change their sign."""
+    usual = preset("table-bc")
+    turned = replace(usual.axes["C"], direction=(0.0, 0.0, -1.0))
+    against = replace(usual, axes={**usual.axes, "C": turned}, text="")
+    ours, theirs = (synchronous_circle(m, radius=50.0, direction="ccw")[0] for m in (usual, against))
+    assert theirs.table_ball == pytest.approx(ours.table_ball)
+    assert np.allclose(theirs.commands["Z"], ours.commands["Z"], atol=1e-9)
 
 
 def test_heads_cannot_drive_a_synchronous_circle():
