@@ -265,6 +265,19 @@ def test_a_table_that_turns_against_iso_841_has_its_ball_above_it() -> None:
     assert np.allclose(theirs.commands["Z"], ours.commands["Z"], atol=1e-9)
 
 
+@pytest.mark.parametrize(
+    ("name", "direction"), [("table-bc", 1.0), ("table-bc", -1.0), ("head-bc", 1.0), ("head-bc", -1.0)]
+)
+def test_an_axial_bar_stands_on_its_table_ball(name: str, direction: float) -> None:
+    """The tool comes from above, whichever way C counts and whichever side it carries: below, it went through the ball."""
+    machine = preset(name)
+    turned = replace(machine.axes["C"], direction=(0.0, 0.0, direction))
+    machine = replace(machine, axes={**machine.axes, "C": turned}, text="")
+    run = rotary_circle(machine, axis="C", arrangement="axial", feed=500.0, rate_hz=10.0)[0]
+    ball = Nominal(machine).ball(run.commands, run.tool_ball)
+    assert np.allclose(ball[:, 2] - run.table_ball[2], run.length)
+
+
 def test_heads_cannot_drive_a_synchronous_circle():
     with pytest.raises(InputError, match="carries the tool"):
         synchronous_circle(preset("head-bc"), rotary="C")
