@@ -65,6 +65,11 @@ def test_time_budget_and_a_lost_pose() -> None:
         ({"bar_lengths": ()}, {"instrument": "ball_bar"}, "the workspace lists no bar; add bar_lengths"),
         ({"sensor_range": 1e-3}, {}, "leave the sensor_range at every pose; raise sensor_range"),
         ({"tool_length": (900.0, 950.0)}, {}, "travel of Z is in the way everywhere; move the nest or balls"),
+        (
+            {"ball_height": (-300.0, -200.0)},
+            {},
+            "way everywhere; raise ball_height in [workspace] (the table is z = 0 ",
+        ),
         ({}, {"for_": ("EXQ",)}, "has no parameter EXQ; use names such as EX0B"),
         ({}, {"points": 1}, "points = 1 is too few; give at least 2"),
         ({}, {"repeats": 100_000}, "repeats = 100000 is too many; give at most 1000"),
