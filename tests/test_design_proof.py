@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from symfive.design import Space, certify, make_space, task_of
+from symfive.design import Space, certify, make_space, plan, task_of
 from symfive.design._proof import bounded_sensitivity  # the bound itself, of chosen sensitivities
-from symfive.machine import ErrorTerm, Machine, preset
+from symfive.machine import ErrorTerm, Machine, Structure, preset
 from symfive.optimal import Rows, sensitivity, spectrum_of
 
 LOW, HIGH = np.array([-1.9, -np.pi]), np.array([1.9, np.pi])
@@ -99,6 +99,17 @@ def test_derivatives_are_bounded_where_angle_and_travel_mix() -> None:
 @pytest.mark.parametrize("i", [0, 1])
 def test_what_is_no_polynomial_is_refused(bent, i: int) -> None:  # type: ignore[no-untyped-def]
     assert spectrum_of(lambda poses: bent(poses[:, 0]), LOW[i : i + 1], HIGH[i : i + 1]) is None
+
+
+def test_one_rotary_axis_is_proved() -> None:
+    """A table C alone has one angle to cover, as a four-axis machine has."""
+    of_five = preset("table-bc")
+    structure = Structure.parse("w C' X' Y' b Z t")
+    axes = {name: of_five.axes[name] for name in structure.axes}
+    errors = {name: term for name, term in of_five.errors.items() if name in ("EC0X", "EX0C", "EY0C", "EA0C", "EB0C")}
+    machine = replace(of_five, structure=structure, axes=axes, errors=errors, text="")
+    made = plan(machine, points=6, starts=1)
+    assert made.certificate.proved and made.certificate.efficiency > 0.9
 
 
 def _with_spline() -> Machine:

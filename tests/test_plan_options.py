@@ -15,7 +15,8 @@ from symfive.campaign import read_campaign
 from symfive.cli import main
 from symfive.design import Plan, assess, plan, plan_sweeps, plan_together
 from symfive.errors import InputError
-from symfive.machine import Workspace, preset, write_machine
+from symfive.machine import Structure, Workspace, preset, write_machine
+from symfive.nc import Post, program
 
 OYAMA = location_only("oyama-2010")
 
@@ -55,6 +56,11 @@ def test_time_budget_and_a_lost_pose() -> None:
         ({"bar_lengths": ()}, {"instrument": "ball_bar"}, "the workspace lists no bar; add bar_lengths"),
         ({"sensor_range": 1e-3}, {}, "leave the sensor_range at every pose; raise sensor_range"),
         ({"tool_length": (900.0, 950.0)}, {}, "travel of Z is in the way everywhere; move the nest or balls"),
+        (
+            {"ball_height": (-300.0, -200.0)},
+            {},
+            "way everywhere; raise ball_height in [workspace] (the table is z = 0 ",
+        ),
         ({}, {"for_": ("EXQ",)}, "has no parameter EXQ; use names such as EX0B"),
         ({}, {"points": 1}, "points = 1 is too few; give at least 2"),
         ({}, {"repeats": 100_000}, "repeats = 100000 is too many; give at most 1000"),
@@ -261,3 +267,14 @@ def test_axes_without_an_address_have_a_plan_and_no_programs(
     assert main([*asked, str(tmp_path / "plan")]) == 0
     assert f"note: no programs: axis {name}" in capsys.readouterr().err
     assert (tmp_path / "plan" / "setup.html").is_file() and not (tmp_path / "plan" / "nc").exists()
+
+
+def test_a_quill_that_no_test_needs_stands_still_inside_its_reach() -> None:
+    """Its travel begins at 0: it rests off that end, as every linear axis keeps, and no block of the program moves it."""
+    six = preset("table-bc")
+    quill = replace(six.axes["Z"], name="W", travel=(0.0, 150.0))
+    machine = replace(six, structure=Structure.parse("w C' B' X' Y' b Z W t"), axes={**six.axes, "W": quill}, text="")
+    made = plan(machine, points=4, setups=1, starts=1, prove=False, anywhere=False)
+    (run,) = made.campaign.runs
+    assert np.all(run.commands["W"] == machine.workspace.clearance)
+    assert set(re.findall(r"W(-?[\d.]+)", program(machine, run, "iso", Post()))) == {"2.00000"}

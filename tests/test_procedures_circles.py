@@ -1,5 +1,7 @@
 """Circles of the procedures: synchronous, planar, rotary and cone, against the papers and closed forms."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from test_procedures import SHARED, offset_of
@@ -251,6 +253,29 @@ def test_the_suggested_feed_is_possible():
         with pytest.raises(InputError, match="lower the feed to at most") as caught:
             planar_circle(machine, radius=radius, feed=50_000.0, rate_hz=2000.0)
         assert planar_circle(machine, radius=radius, feed=float(caught.value.remedy.split()[-2]), rate_hz=2000.0)
+
+
+def test_a_table_that_turns_against_iso_841_has_its_ball_above_it() -> None:
+    """As the stock trunnion modules of LinuxCNC turn: only the angles of C change their sign."""
+    usual = preset("table-bc")
+    turned = replace(usual.axes["C"], direction=(0.0, 0.0, -1.0))
+    against = replace(usual, axes={**usual.axes, "C": turned}, text="")
+    ours, theirs = (synchronous_circle(m, radius=50.0, direction="ccw")[0] for m in (usual, against))
+    assert theirs.table_ball == pytest.approx(ours.table_ball)
+    assert np.allclose(theirs.commands["Z"], ours.commands["Z"], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("name", "direction"), [("table-bc", 1.0), ("table-bc", -1.0), ("head-bc", 1.0), ("head-bc", -1.0)]
+)
+def test_an_axial_bar_stands_on_its_table_ball(name: str, direction: float) -> None:
+    """The tool comes from above, whichever way C counts and whichever side it carries: below, it went through the ball."""
+    machine = preset(name)
+    turned = replace(machine.axes["C"], direction=(0.0, 0.0, direction))
+    machine = replace(machine, axes={**machine.axes, "C": turned}, text="")
+    run = rotary_circle(machine, axis="C", arrangement="axial", feed=500.0, rate_hz=10.0)[0]
+    ball = Nominal(machine).ball(run.commands, run.tool_ball)
+    assert np.allclose(ball[:, 2] - run.table_ball[2], run.length)
 
 
 def test_heads_cannot_drive_a_synchronous_circle():

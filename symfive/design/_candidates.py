@@ -85,13 +85,14 @@ def _no_pose(space: Space, z: Array, k: Array) -> InputError:
             remedy=f"raise {where} in [workspace] or lower the sigma of the errors",
         )
     worst = space.limit_names[int(np.argmax(violated))]
+    higher = "raise ball_height in [workspace] (the table is z = 0 of the workpiece frame)"
     remedies = {
         "travel": "move the nest or balls nearer to the centre (table_radius, ball_height), use a shorter bar or tool",
-        "spindle nose and table": "raise ball_height in [workspace] or use a slimmer spindle_nose",
+        "spindle nose and table": f"{higher} or use a slimmer spindle_nose",
         "spindle nose and bar": "add a longer bar to bar_lengths",
         "spindle nose and post": "raise ball_height in [workspace] or use a slimmer spindle_nose",
         "tool and post": "raise ball_height in [workspace] or add a longer bar to bar_lengths",
-        "tool ball and table": "raise ball_height in [workspace]",
+        "tool ball and table": higher,
         "tool over": "use a shorter tool, lower balls, or more travel of the upright axis",
         "touch and post": "use a larger sphere or a slimmer post (sphere_radius, post_radius in [workspace])",
     }

@@ -22,7 +22,6 @@ from symfive.moves import (
     post_clearance,
 )
 from symfive.nc import at_the_top, top_of, touch_reach, upright_axis
-from symfive.procedures import home
 
 LEAST_VOLUME = 0.1
 """Where a rotary axis turns linear axes against each other: they keep at least so far from lying in one plane (a sine, 6°);
@@ -105,7 +104,7 @@ def _out_of_nest(machine: Machine, geometry: PoseGeometry, probe: bool, most: Ar
     """Clearance (mm) of the tool where every way out of the nest leads: the upright axis at its top, all others at home; and at
     least how large it is with a height of the ball and a tool length of at most so many (2,) mm: above all balls it has no part
     lower than its own ball where it stands upright."""
-    end = at_the_top(machine, {name: home(axis) for name, axis in machine.axes.items()})
+    end = at_the_top(machine, {name: machine.home(name) for name in machine.axes})
     position = {name: ca.SX(machine.axes[name].to_internal * value) for name, value in end.items()}
     workpiece, spindle = chain_poses(machine, position, {}, {})
     axis = workpiece.rotation.T @ spindle.rotation[:, 2]

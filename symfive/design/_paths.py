@@ -196,7 +196,7 @@ def _planar(machine: Machine, circle: CircleShape, v: Mapping[str, Any], phi: An
 def _commands(machine: Machine, turning: Mapping[str, Any], target: Any) -> Any:
     """Commands of all axes (mm, rad): rotary ones as given or at home, the linear ones follow."""
     rotary = {
-        name: turning.get(name, ca.SX(float(np.clip(0.0, *axis.travel)) * axis.to_internal))
+        name: turning.get(name, ca.SX(machine.home(name) * axis.to_internal))
         for name, axis in machine.axes.items()
         if axis.rotary
     }

@@ -12,6 +12,7 @@ import numpy as np
 from symfive.errors import InputError
 from symfive.kinematics import ball_in_workpiece, chain_poses
 from symfive.machine import Machine
+from symfive.procedures import Nominal
 
 UNIT_MM = 100.0
 """mm in which a plan's lengths are decided, so that they are about as large as its angles."""
@@ -58,7 +59,7 @@ def follow(machine: Machine, position: dict[str, Any], tool_ball: Any, place: An
     Where there are more than three linear axes those that stand first from the bed follow and the others rest at home.
     """
     linear, moving, ball, vector = _followers(machine, position, tool_ball)
-    rest = {n: float(np.clip(0.0, *machine.axes[n].travel)) for i, n in enumerate(linear) if i not in moving}
+    rest = {n: machine.home(n) for i, n in enumerate(linear) if i not in moving}
     home = [ca.SX(0.0) if i in moving else ca.SX(rest[n]) for i, n in enumerate(linear)]
     start = ca.substitute([ball], [vector], [ca.vertcat(*home)])[0]
     solved = ca.inv_minor(ca.jacobian(ball, vector)[:, moving]) @ (place - start)
@@ -74,14 +75,7 @@ def _followers(machine: Machine, position: dict[str, Any], tool_ball: Any) -> tu
     whole = {name: position.get(name, symbols.get(name)) for name in machine.axis_names}
     ball = ball_in_workpiece(machine, whole, tool_ball)
     vector = ca.vertcat(*symbols.values())
-    somewhere = ca.vertcat(*position.values(), ca.SX(1, 1))  # the directions are independent anywhere or nowhere
-    free = ca.symvar(somewhere)
-    slope = ca.Function("slope", [ca.vertcat(*free)], [ca.densify(ca.jacobian(ball, vector))])
-    at_zero = np.asarray(slope([0.1] * len(free)))
-    moving: list[int] = []
-    for i in range(len(linear)):
-        if len(moving) < 3 and np.linalg.matrix_rank(at_zero[:, [*moving, i]], tol=1e-6) == len(moving) + 1:
-            moving.append(i)
+    moving = [linear.index(name) for name in Nominal(machine).following()]
     if len(moving) < 3:
         raise InputError("the linear axes do not span space", remedy="plans need three linear axes that do")
     return linear, moving, ball, vector

@@ -177,6 +177,11 @@ class Machine(OnScreen):
         inside = 0.0 if axis.rotary else min(self.workspace.clearance, 0.1 * (high - low))
         return low + inside, high - inside
 
+    def home(self, name: str) -> float:
+        """Where an axis stands that a test does not use, mm or degree: at 0, or where its `reach` comes nearest to 0."""
+        low, high = self.reach(name)
+        return min(max(low, 0.0), high)
+
     @property
     def table_centre(self) -> tuple[float, float]:
         """x and y of the table's centre in the workpiece frame, mm, from where `table_radius` counts.

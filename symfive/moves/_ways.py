@@ -34,7 +34,7 @@ from symfive.nc import (
     turned_home,
     upright_axis,
 )
-from symfive.procedures import Nominal, home
+from symfive.procedures import Nominal
 
 RETRACTS_MM = (50.0, 80.0, 120.0, 200.0)
 REMEDY = "what helps: a longer tool, a slimmer post, tool or bar ([workspace] post_radius, tool_radius, bar_radius), more travel"
@@ -170,7 +170,7 @@ class Ways:
 
     def _at_home(self, place: Positions) -> Positions:
         """The place over the workpiece's origin."""
-        return {**place, **{name: home(self.machine.axes[name]) for name in self.plane}}
+        return {**place, **{name: self.machine.home(name) for name in self.plane}}
 
     def around(self, row: int) -> Way:
         """The way to a row from the one before, out of the nest. Raises `InputError` where one of the two has no way out."""

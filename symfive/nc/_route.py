@@ -51,7 +51,8 @@ def lifts(nominal: Nominal, run: Run, row: int, mm: float) -> Iterator[dict[str,
     bar, above = place - np.asarray(run.table_ball), workpiece.T @ up
     ways += [above, along + up]
     ways += [] if run.length is None else [bar, bar - (bar @ above) * above]
-    fixed = {name: q for name, q in pose.items() if machine.axes[name].rotary}
+    following = nominal.following()
+    fixed = {name: q for name, q in pose.items() if name not in following}
     for way in ways:
         size = float(np.linalg.norm(way))
         if size < 1e-6:

@@ -38,7 +38,7 @@ class Seat:
 
     def __init__(self, machine: Machine, run: Run, nominal: Nominal) -> None:
         self.machine, self.run, self.nominal = machine, run, nominal
-        self.names = machine.axis_names
+        self.names, self.following = machine.axis_names, nominal.following()
         self.places = nominal.ball(run.commands, run.tool_ball)
         self.bar = "ball_bar" in run.instrument
 
@@ -93,7 +93,7 @@ class Seat:
         fixed = {
             n: (first[:, i, None] + share * (last[:, i] - first[:, i])[:, None]).ravel()
             for i, n in enumerate(self.names)
-            if self.machine.axes[n].rotary
+            if n not in self.following
         }
         places = self._ball_path(moves.balls[legs, 0], moves.balls[legs, 1], share)
 

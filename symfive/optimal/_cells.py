@@ -151,16 +151,15 @@ def _first_cells(spectrum: Spectrum, low: Array, high: Array, limit: float) -> F
     least = {order: _least_third(order, fifth, half) for order in orders}
     settled, centres, thirds = 0.0, [np.empty((0, d))], [np.empty((0, len(orders)))]
     first, *others = spectrum.bases(axes, 4)
-    for i, place in enumerate(axes[0]):
+    for i in range(counts[0]):
         slab = [first[:, :, i : i + 1], *others]
         found = {order: values.ravel() for order, values in spectrum.derivatives(slab, 0, 4)}
         bound = _by_fourth_order(found, shares, half) + beyond
         open_ = bound > limit
         settled = max(settled, float(bound.max(where=~open_, initial=0.0)))
         opened = np.flatnonzero(open_)
-        there = np.unravel_index(opened, counts[1:])
-        others_there = [axis[index] for axis, index in zip(axes[1:], there, strict=True)]
-        centres.append(np.stack([np.full(len(opened), place), *others_there], axis=1))
+        there = np.unravel_index(opened, (1, *counts[1:]))
+        centres.append(np.stack([a[k] for a, k in zip((axes[0][i : i + 1], *axes[1:]), there, strict=True)], axis=1))
         left = {order: values[opened] for order, values in found.items()}
         thirds.append(np.stack([_third(order, left, least[order], half) for order in orders], axis=1))
     poses = np.concatenate(centres)

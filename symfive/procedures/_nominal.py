@@ -3,8 +3,8 @@ stand."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from functools import lru_cache
+from collections.abc import Callable, Container, Mapping, Sequence
+from functools import cached_property, lru_cache
 from typing import Any
 
 import casadi as ca
@@ -22,6 +22,7 @@ REACHED_MM = 1e-7
 REACHED_RAD = 1e-12
 REACHED_DEG = 1e-6
 COARSE_RAD = 0.02
+SOMEWHERE = 6.0  # mm and degree of every axis
 SEED_DEG = 30.0
 NEWTON = 25
 REGULAR = 1e-6
@@ -96,7 +97,7 @@ class Nominal:
             if name not in self.machine.axes:
                 remedy = f"use one of {', '.join(self.machine.axis_names)}"
                 raise InputError(f"the machine has no axis {name}", remedy=remedy)
-        values = {name: fixed.get(name, home(axis)) for name, axis in self.machine.axes.items()}
+        values = {name: fixed.get(name, self.machine.home(name)) for name in self.machine.axes}
         return {name: np.broadcast_to(np.asarray(value, dtype=float), (rows,)).copy() for name, value in values.items()}
 
     def ball(self, commands: Mapping[str, Array], tool_ball: Sequence[float] | Array) -> Array:
@@ -121,19 +122,33 @@ class Nominal:
         vectors = np.broadcast_to(np.asarray(directions, dtype=float), (len(rotation), 3))
         return np.asarray(np.einsum("nji,nj->ni", rotation, vectors))
 
+    def following(self, fixed: Container[str] = ()) -> list[str]:
+        """The linear axes that follow the ball: of those not in `fixed` the first from the bed that span space, three at most."""
+        names, moving = self.machine.axis_names, list[str]()
+        for name in self.machine.linear_axes:
+            columns = [names.index(n) for n in (*moving, name)]
+            if name not in fixed and np.linalg.matrix_rank(self._slopes[:, columns], tol=REGULAR) == len(columns):
+                moving.append(name)
+        return moving
+
+    @cached_property
+    def _slopes(self) -> Array:
+        """Motion of the ball with each axis (3, axes) somewhere: linear axes are independent anywhere or nowhere."""
+        somewhere = {name: np.full(1, SOMEWHERE) for name in self.machine.axis_names}
+        return np.asarray(self._evaluate(somewhere, (0.0, 0.0, 0.0))[1][0])
+
     def follow(
         self, target: Array, tool_ball: Sequence[float] | Array, fixed: Fixed, what: str | Callable[[int], str]
     ) -> Commands:
         """Commands that bring the tool ball to `target` (N, 3), mm in the workpiece frame.
 
-        Rotary axes stand where `fixed` says (a number or (N,)) or at home; the linear axes that are not fixed
-        are solved for. The ball moves linearly with them, so one linear solve is exact, whatever their
-        directions; where there are more than three, the shortest motion is taken. Raises `InputError` naming
+        The linear axes of `following` are solved for, all others stand where `fixed` says (a number or (N,)) or at home. The
+        ball moves linearly with them, so one linear solve is exact, whatever their directions. Raises `InputError` naming
         `what` cannot be reached, a text or a function of the target's number.
         """
         commands = self.commands(fixed, len(target))
         names = self.machine.axis_names
-        moving = [n for n in names if not self.machine.axes[n].rotary and n not in fixed]
+        moving = self.following(fixed)
         ball, slope, *_ = self._evaluate(commands, tool_ball)
         matrix = slope[:, :, [names.index(name) for name in moving]]
         wanted = target - ball[:, :, 0]
@@ -234,7 +249,7 @@ class Nominal:
         point, direction = ca.DM(axis.origin), ca.DM(axis.direction)
         for inner in reversed(chain[: chain.index(name)]):
             carrier = self.machine.axes[inner]
-            position = float(np.asarray(fixed.get(inner, home(carrier))).flat[0]) * carrier.to_internal
+            position = float(np.asarray(fixed.get(inner, self.machine.home(inner))).flat[0]) * carrier.to_internal
             pose = axis_pose(carrier, side, ca.SX(position), {}, {})
             point, direction = ca.evalf(pose.apply(point)), ca.evalf(pose.rotation @ direction)
         return np.asarray(point, dtype=float)[:, 0], np.asarray(direction, dtype=float)[:, 0]

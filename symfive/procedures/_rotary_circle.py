@@ -185,4 +185,6 @@ class _Geometry:
             return np.asarray(radial)
         if arrangement == "tangential":
             return np.cross(self.along, radial)
-        return np.broadcast_to(self.along, radial.shape)
+        # the tool's ball stands over the table's, whichever of them turns
+        up = round(float(self.along[2]), 9) * (1.0 if self.on_table else -1.0)
+        return np.broadcast_to(-self.along if up < 0.0 else self.along, radial.shape)

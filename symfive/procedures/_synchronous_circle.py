@@ -75,7 +75,7 @@ def synchronous_circle(
 @dataclass(frozen=True)
 class CircleFrame:
     """Where the circles of a machine lie: its `rotary` axis, a point on that axis (`middle`, mm) and the directions `u` of
-    the linear axis, `v` across and `n` along the rotary axis, all in the workpiece frame (3,)."""
+    the linear axis, `v` across and `n` along the rotary axis, up, all in the workpiece frame (3,)."""
 
     rotary: str
     middle: Array
@@ -101,7 +101,10 @@ def circle_frame(
     at_zero = nominal.commands(hold or {}, 1)
     upright = nominal.workpiece_rotation(at_zero)[0]
     middle = upright.T @ (point - nominal.workpiece_origin(at_zero)[0])
-    return CircleFrame(table, middle, upright.T @ radial, upright.T @ np.cross(axle, radial), upright.T @ axle)
+    n = upright.T @ axle
+    if round(float(n[2]), 9) < 0.0:  # heights count up from the table, whichever way the control counts the angle
+        n = -n
+    return CircleFrame(table, middle, upright.T @ radial, upright.T @ np.cross(axle, radial), n)
 
 
 def polar_angle(phi: Array, x_t: float, radius: float) -> Array:
