@@ -11,7 +11,7 @@ from symfive.diagnose._diagnose import diagnose
 from symfive.diagnose._findings import amend, findings_of, model_averaged, moved
 from symfive.diagnose._groups import partitions
 from symfive.diagnose._hold_out import WORSE, HoldOut, Withdrawn, held_out, held_out_square, over_whole, root, withdraw
-from symfive.diagnose._intervals import Interval, direction_of, intervals_of
+from symfive.diagnose._intervals import Interval, direction_of, intervals_of, with_begin
 from symfive.diagnose._locate import Location, Observability, Suspect, locate, located
 from symfive.diagnose._next_test import next_test, possible_tests
 from symfive.diagnose._result import EXPLAINED, SHOWN_SHARE, Diagnosis, Finding, RivalName
@@ -24,5 +24,6 @@ __all__ = [
     "Location", "Observability", "RivalName", "Split", "Suspect", "Test", "Withdrawn", "amend", "cross_validated", "detect",
     "diagnose", "direction_of", "facts_of", "findings_of", "first_half", "held_out", "held_out_square",
     "intervals_of", "locate", "located", "log_tail", "model_averaged", "moved", "next_test", "over_whole", "parted",
-    "partitions", "place_words", "possible_tests", "root", "runs_of", "sentence_of", "stretches_of", "withdraw",
+    "partitions", "place_words", "possible_tests", "root", "runs_of", "sentence_of", "stretches_of", "with_begin",
+    "withdraw",
 ]  # fmt: skip

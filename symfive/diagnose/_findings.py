@@ -11,7 +11,7 @@ from scipy.special import logsumexp
 
 from symfive.arrays import Array
 from symfive.diagnose._ask import asked, folder_of
-from symfive.diagnose._intervals import direction_of, intervals_of
+from symfive.diagnose._intervals import direction_of, intervals_of, with_begin
 from symfive.diagnose._locate import Location
 from symfive.diagnose._result import Finding, RivalName, mean_square
 from symfive.diagnose._words import sentence_of
@@ -242,7 +242,7 @@ def _finding(
     alias = dict.fromkeys(terms[t].effect.key for t in (*verdict.alias, *verdict.components))
 
     def sizes(one: Effect) -> Mapping[str, Quantity]:
-        return one.describe(campaign, stated.named, _covariance(stated, one))
+        return with_begin(after, one).describe(campaign, stated.named, _covariance(stated, one))
 
     draft = Finding(
         effect=effect, name=name, axis=axis, confidence=min(max(v.probability for v in cause.verdicts), 0.999),

@@ -11,9 +11,11 @@ import numpy as np
 from symfive.arrays import Array
 from symfive.campaign import Campaign
 from symfive.effects import Effect
+from symfive.identify import Identification
 from symfive.machine import Machine
+from symfive.model import Model
 
-__all__ = ["Interval", "direction_of", "intervals_of"]
+__all__ = ["Interval", "direction_of", "intervals_of", "with_begin"]
 
 
 @dataclass(frozen=True)
@@ -46,6 +48,27 @@ def intervals_of(campaign: Campaign, contribution: Mapping[str, Array], limit: i
         else:
             joined.append(piece)
     return tuple(joined)
+
+
+def with_begin(fit: Identification, effect: Effect) -> Effect:
+    """An effect that begins in a row of a run with the 1σ of that row: the density of all rows follows from what each does to the
+    residual of the fit under its white noise, all else as it is."""
+    for run in fit.model.campaign.runs:
+        begin = effect.begins(run)
+        if begin is not None:
+            model = Model(fit.model.campaign, [begin.always if e.key == effect.key else e for e in fit.model.added])
+            problem = fit.problem()
+            kept = np.zeros((run.rows, len(fit.model.columns(run))))
+            for instrument, part in problem.parts(run):
+                kept[:, part] = ~problem.left_out[run.id][:, part] / fit.noises[run.id, instrument].white
+            size, left = (each[run.id] * kept for each in (model.contribution(begin.always, fit.named), fit.residuals))
+            with_, without = (np.sum(size * (size + sign * left), axis=1) for sign in (-2.0, 2.0))
+            sooner, later = np.cumsum(with_[: begin.row][::-1])[::-1], np.cumsum(without[begin.row :])
+            square = np.concatenate([sooner, [0.0], later])
+            density = np.exp(-0.5 * (square - square.min()))
+            away = np.arange(run.rows + 1) - begin.row
+            return begin.within(float(np.sqrt(density @ away**2 / density.sum())))
+    return effect
 
 
 def direction_of(machine: Machine, effect: Effect, values: Mapping[str, float]) -> tuple[float, float, float] | None:

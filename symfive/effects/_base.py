@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Self
 import casadi as ca
 
 from symfive.arrays import Array
-from symfive.effects._form import AXIS, TOOL, Form, Forms, moving
+from symfive.effects._form import AXIS, TOOL, Begin, Form, Forms, moving
 from symfive.effects._quantity import Covariance, Quantity, Values, own_quantity
 from symfive.errors import InputError
 from symfive.machine import Axis, unknown_axis
@@ -167,6 +167,10 @@ class Effect:
     def starts(self, run: Run) -> tuple[Parameter, ...]:
         """Unknown initial states of a run, as parameters of its set-up."""
         return ()
+
+    def begins(self, run: Run) -> Begin | None:
+        """Where it begins in a run; None where it is no effect of one run, or where its begin is a parameter."""
+        return None
 
     def signals(self) -> tuple[Signal, ...]:
         """Signals along the run that it needs beside the axis positions."""

@@ -81,6 +81,16 @@ class Scan:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Begin:
+    """Where an effect begins whose place a scan picked: the first `row` (from 0) of a run in which it acts, the same effect
+    `always`, and as it is described where that row has a 1σ, `within` so many rows."""
+
+    row: int
+    always: Effect
+    within: Callable[[float], Effect]
+
+
+@dataclass(frozen=True, kw_only=True)
 class Tone:
     """Forms that are a sine over a coordinate, (run) → (N,): cycles per unit from `lowest` to `highest` are looked for.
 

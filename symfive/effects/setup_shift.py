@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Self
 
 import casadi as ca
@@ -12,7 +12,7 @@ import numpy as np
 from symfive.arrays import Array, Indices
 from symfive.effects._base import INSTRUMENT, Effect
 from symfive.effects._coordinates import ROW
-from symfive.effects._form import BALL, Form, Forms, Scan
+from symfive.effects._form import BALL, Begin, Form, Forms, Scan
 from symfive.effects._quantity import Covariance, Quantity, Values, own_quantity
 from symfive.errors import InputError
 from symfive.parameters import Parameter
@@ -33,7 +33,7 @@ class SetupShift(Effect):
     `run` its id, `t_s` on the run's own clock, or `row`, the first displaced one (from 1), of a run whose clock was not recorded;
     `artefact` which ball, `shape`: `step` at once (its place from a scan: readings jump between two rows, so it has no
     derivative), or, with a clock, `creep`, shift·(1 - exp(-(t - t_s)/creep_s)) with the instant a parameter about `t_s`.
-    Typical 1–20 µm.
+    `rows_off` the 1σ of that place in rows, beside that between two of them. Typical 1–20 µm.
     """
 
     id = "setup_shift"
@@ -47,6 +47,7 @@ class SetupShift(Effect):
     row: int = 0
     artefact: str = "table"
     shape: str = "step"
+    rows_off: float = field(default=0.0, compare=False)
 
     @property
     def key(self) -> str:
@@ -87,6 +88,13 @@ class SetupShift(Effect):
 
     def applies(self, run: Run) -> bool:
         return run.id == self.run and run.has_clock == self.over_time
+
+    def begins(self, run: Run) -> Begin | None:
+        if not self.applies(run) or self.shape != "step":
+            return None
+        always = replace(self, row=2) if self.row else replace(self, t_s=float(run.course[1]))
+        row = int(np.searchsorted(run.course, self._begin))
+        return Begin(row=row, always=always, within=lambda rows: replace(self, rows_off=rows))
 
     @classmethod
     def candidates(cls, campaign: Campaign) -> Forms:
@@ -144,10 +152,12 @@ class SetupShift(Effect):
         parameters = self.parameters(campaign)
         parts = [own_quantity(p, values, covariance) for p in parameters[:3]]
         name, place = self._place
-        between = campaign.run(self.run).interval / math.sqrt(12.0)
+        rows = math.hypot(self.rows_off, 1.0 / math.sqrt(12.0))
         found = {
             "run": Quantity(self.run),
-            name: Quantity(place, between, "s") if self.over_time else Quantity(place),
+            name: Quantity(place, rows * campaign.run(self.run).interval, "s")
+            if self.over_time
+            else Quantity(place, self.rows_off or None),
             "shift": Quantity(tuple(p.value for p in parts), tuple(p.std for p in parts), "um"),
         }
         if self.shape == "creep":
