@@ -111,7 +111,7 @@ def test_what_stands_in_for_the_truth_is_taken_out_too(tmp_path: Path, monkeypat
     monkeypatch.setattr(stages, "judge", judged)
     stages.control(tmp_path, "visible-000")
     assert asked[0] == ["backlash", "counterbalance"]
-    assert set(asked[1]) - set(asked[0]) == {"force_friction", "friction", "reversal_spike"}
+    assert set(asked[1]) - set(asked[0]) == {"force_friction", "friction", "held_friction", "reversal_spike"}
     assert set(asked[2]) - set(asked[1]) == {"eccentric_mass", "error_motion", "table_step"}
     first, last = (
         [line.value for line in controls.controls(kept, ["visible-000"]) if line.what.startswith(what)]

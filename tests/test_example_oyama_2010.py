@@ -17,6 +17,7 @@ from claim_checks import assert_refuted, assert_reproduced  # noqa: E402
 
 from examples import claims as table  # noqa: E402
 from examples.oyama_2010 import claims, equations, figures, machine, steps, story  # noqa: E402
+from examples.panels import save  # noqa: E402
 from symfive.diagnose import facts_of  # noqa: E402
 
 REPRODUCED = {
@@ -193,5 +194,5 @@ def test_the_figures_are_drawn(measured, error_map, hidden, sag, folder, tmp_pat
         "plans": figures.plans(steps.compare_plans()),
     }
     for name, figure in drawn.items():
-        figures.save(figure, tmp_path, name)
+        save(figure, tmp_path, name)
         assert (tmp_path / f"{name}.png").stat().st_size > 10_000

@@ -14,6 +14,7 @@ sys.path.insert(0, str(ROOT))
 
 from claim_checks import assert_refuted, assert_reproduced  # noqa: E402
 
+from examples.panels import save  # noqa: E402
 from examples.wang_li_2016 import b_motions, claims, equations, figures, machine, machines, plates, screw, story  # noqa: E402
 from examples.wang_li_2016.estimators import SLOPES, Joint, Sequence  # noqa: E402
 from symfive.campaign import read_campaign, write_campaign  # noqa: E402
@@ -182,7 +183,7 @@ def test_one_turning_machine_and_its_figure(tmp_path):
     inside = np.abs(one.joint - one.true) < 3.0 * one.std
     assert inside.mean() > 0.95
     assert one.result.chi2_dof == pytest.approx(1.0, abs=0.1)
-    figures.save(figures.motions_of_b(one), tmp_path, "motions-of-b")
+    save(figures.motions_of_b(one), tmp_path, "motions-of-b")
     assert (tmp_path / "motions-of-b.png").stat().st_size > 10_000
 
 
@@ -211,7 +212,7 @@ def test_a_screw_is_missed_every_5_mm_and_named_every_2_mm(tmp_path):
     named = found.named.parameters
     assert named["amplitude"].value == pytest.approx(screw.SIZE_UM, abs=4.0 * named["amplitude"].std)
     assert named["period"].value == pytest.approx(screw.LEAD_MM, abs=0.02)
-    figures.save(figures.screws(found), tmp_path, "screw")
+    save(figures.screws(found), tmp_path, "screw")
 
 
 def test_the_tests_of_the_paper_are_a_plan(tmp_path):
@@ -260,5 +261,5 @@ def test_one_machine_and_its_figures(one, fate, askew, tmp_path):
         "yaw": figures.plate_yaw(askew.known.model.campaign, askew.known, plates.YAW_URAD),
     }
     for name, figure in drawn.items():
-        figures.save(figure, tmp_path, name)
+        save(figure, tmp_path, name)
         assert (tmp_path / f"{name}.png").stat().st_size > 10_000

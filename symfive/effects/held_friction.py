@@ -19,6 +19,9 @@ from symfive.row import Row
 from symfive.runs import Campaign, Run
 
 SHAPES = ("side", "each")
+SHORTEST = 4
+"""Intervals of a rest at least: the velocity of a row is taken over two, and that of its neighbours must be that at rest, too. A
+reversal stands for less."""
 Rest = tuple[str, float, float, float]
 """Run, begin and end (s on its clock), and the side (±1) to which the axis moved before."""
 
@@ -83,6 +86,7 @@ class HeldFriction(SizedForce):
         for run in filter(self._seen, campaign.runs):
             still = stands(run, campaign.machine)
             edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]))).reshape(-1, 2)
+            edges = edges[np.diff(edges)[:, 0] >= SHORTEST]
             way = moved(run, campaign.machine)
             came = way[edges[:, 0]] - way[np.append(0, edges[:-1, 1])]
             found += [(run.id, float(run.time[first]), float(run.time[last]), float(np.sign(side)))
