@@ -6,6 +6,7 @@ Force and motion are written by Newton's law; no part of symfive writes them.
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,7 +16,8 @@ from symfive.campaign import Campaign, Run
 from symfive.diagnose import amend, diagnose
 from symfive.effects import make_effect
 from symfive.errors import InputError
-from symfive.identify import identify
+from symfive.identify import fitted_model, identify, predict
+from symfive.model import read_model, write_model
 from symfive.posterior import baseline
 
 RATE, NOISE = 32.0, 0.3
@@ -191,3 +193,13 @@ def test_a_force_vibration_needs_a_drives_force() -> None:
         make_effect("force_vibration", "X", frequency_hz=7.3).prepare(
             Campaign(machine=recorded().machine, runs=(bare,))
         )
+
+
+def test_the_rests_of_a_diagnosis_survive_the_disk(tmp_path: Path) -> None:
+    campaign = recorded()
+    effect = make_effect("held_friction", "X", shape="each").prepare(campaign)
+    fit = amend(identify(campaign), effect)
+    write_model(fitted_model(fit), tmp_path / "model.json")
+    again = read_model(tmp_path / "model.json")
+    assert again.effects == (effect,)
+    assert predict(again, campaign).rms["moves"] == pytest.approx(fit.rms["N"], rel=1e-6)

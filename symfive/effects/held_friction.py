@@ -16,7 +16,7 @@ from symfive.instruments.drive_force import DriveForce, FilteredMotion, moved, r
 from symfive.motion import RunMotion, Series, Signal, Velocity
 from symfive.parameters import Parameter
 from symfive.row import Row
-from symfive.runs import Campaign, Run
+from symfive.runs import Campaign
 
 SHAPES = ("side", "each")
 SHORTEST = 4
@@ -82,26 +82,24 @@ class HeldFriction(SizedForce):
         yield from (Form(effect=cls(axis=axis, shape=shape)) for axis in driven_axes(campaign) for shape in SHAPES)
 
     def prepare(self, campaign: Campaign) -> Self:
-        found = list[Rest]()
-        for run in filter(self._seen, campaign.runs):
-            still = stands(run, campaign.machine)
+        prepared = super().prepare(campaign)
+        if self.rests:
+            return prepared  # what was prepared for a campaign stays so for some of its runs
+        runs = [run for run in campaign.runs if self.applies(run) and rest_counts(run)]
+        rests = list[Rest]()
+        for run in runs:
+            still, way = stands(run, campaign.machine), moved(run, campaign.machine)
             edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]))).reshape(-1, 2)
             edges = edges[np.diff(edges)[:, 0] >= SHORTEST]
-            way = moved(run, campaign.machine)
-            came = way[edges[:, 0]] - way[np.append(0, edges[:-1, 1])]
-            found += [(run.id, float(run.time[first]), float(run.time[last]), float(np.sign(side)))
-                      for (first, last), side in zip(edges, came, strict=True)]  # fmt: skip
-        known = self.rests or tuple(found)
-        if not known:
-            raise InputError(
-                f"{self.key}: axis {self.axis} never rests between motions", remedy="leave the effect away"
-            )
-        first = next(run for run in campaign.runs if self._seen(run))
-        v_rest, cut_off = rest_speed(first) * self.its_axis(campaign).to_internal, first.options.get("low_pass_hz", 0.0)
-        return replace(super().prepare(campaign), rests=known, v_rest=v_rest, cut_off_hz=float(cut_off))
-
-    def _seen(self, run: Run) -> bool:
-        return super()._seen(run) and run.dynamic and rest_counts(run)
+            came = np.sign(way[edges[:, 0]] - way[np.append(0, edges[:-1, 1])])
+            for (begin, end), side in zip(run.time[edges], came, strict=True):
+                rests.append((run.id, float(begin), float(end), float(side)))
+        if not rests:
+            problem = f"{self.key}: axis {self.axis} never rests between motions, or its rests are ignored"
+            raise InputError(problem, remedy="leave the effect away")
+        unit = self.its_axis(campaign).to_internal
+        cut_off = float(runs[0].options.get("low_pass_hz", 0.0))
+        return replace(prepared, rests=tuple(rests), v_rest=rest_speed(runs[0]) * unit, cut_off_hz=cut_off)
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         names = ["hold"] if self.shape == "side" else [f"hold_{k}" for k in range(1, len(self.rests) + 1)]
