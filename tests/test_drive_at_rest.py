@@ -120,6 +120,7 @@ def test_what_friction_holds_at_rest_is_found_where_it_counts() -> None:
     """Each rest has its force; the friction of the moving axis, biased before (15 N), is then right."""
     found = diagnose(recorded(seed=0))
     (held,) = found.findings
+    assert held.title == "Friction of axis X at rest"
     assert (held.name, held.axis, held.effect.key) == (
         "friction",
         "X",

@@ -101,10 +101,12 @@ class Finding(OnScreen):
 
     @property
     def title(self) -> str:
-        """The effect, its axis and its component, unless others are as good, as `Error motion of axis B (EXB)`."""
+        """The effect, its axis and its component, unless others are as good, as `Error motion of axis B (EXB)`, and the state in
+        which alone it acts, as `Friction of axis X at rest`."""
         over = f"unidentified effect over {coordinate_words(self.coordinate)}"
         component = None if self.alias else getattr(self.effect, "component", None)
-        said = over if self.unidentified else effect_words(self.name, self.axis, component)
+        named = f"{effect_words(self.name, self.axis, component)} {self.effect.state}".rstrip()
+        said = over if self.unidentified else named
         return said[:1].upper() + said[1:]
 
     def __str__(self) -> str:
