@@ -15,7 +15,7 @@ from symfive.diagnose import Diagnosis, diagnose
 
 def wrong(what: str) -> pytest.MarkDecorator:
     """What the diagnosis does instead of what it should, until it is mended."""
-    return pytest.mark.xfail(strict=False, reason=f"issue 30: {what}")
+    return pytest.mark.xfail(strict=False, reason=f"not reached: {what}")
 
 
 POSES = plant.grid_poses(np.arange(-90, 91, 30.0), np.arange(0, 331, 30.0))

@@ -134,7 +134,7 @@ def test_a_sag_that_comes_back_by_another_way_is_one_effect(tmp_path):
     assert found["amplitude_branch"].value == pytest.approx(0.2 * 9.0, rel=0.1)
 
 
-@pytest.mark.xfail(strict=True, reason="issue 30: an unidentified effect beside it")
+@pytest.mark.xfail(strict=True, reason="not reached: an unidentified effect beside it")
 @pytest.mark.slow
 def test_a_form_that_differs_from_the_librarys_brings_no_second_effect(tmp_path):
     """A sag whose way back takes over bit by bit over 60° and more."""
@@ -144,7 +144,7 @@ def test_a_form_that_differs_from_the_librarys_brings_no_second_effect(tmp_path)
     assert result.fit.chi2_dof_after < 1.1
 
 
-@pytest.mark.xfail(strict=True, reason="the onset is not found (issue 30)")
+@pytest.mark.xfail(strict=True, reason="not reached: the onset is not found")
 @pytest.mark.slow
 def test_heat_that_comes_late_is_one_drift_with_its_onset(tmp_path):
     heat = {"effect": "thermal_drift", "direction": [0.6, 0.0, 0.8], "amplitude": 12.0, "time_constant_s": 700.0}
@@ -258,7 +258,7 @@ def test_of_a_single_run_no_feed_and_no_place_can_be_left_out():
     assert found.heldout_rms_after_um and found.heldout_by == {} and list(found.heldout_expected_um) == ["run"]
 
 
-@pytest.mark.xfail(strict=True, reason="issue 30: the curve is fitted to 1.5 times the noise only")
+@pytest.mark.xfail(strict=True, reason="not reached: the curve is fitted to 1.5 times the noise only")
 @pytest.mark.slow
 def test_a_curve_of_the_drives_force_is_found_beside_friction_that_keeps_its_values():
     """The library knows two levels of friction; what bends over the speed is named as unknown, over the speed, in the drive."""
