@@ -12,9 +12,10 @@ from symfive.arrays import Array
 from symfive.effects._base import DRIVE, Effect
 from symfive.effects._form import Form, Forms
 from symfive.errors import InputError
-from symfive.instruments.drive_force import DriveForce, driven_axis
+from symfive.instruments.drive_force import DriveForce, FilteredMotion, driven_axis
 from symfive.kinematics import axis_pose
 from symfive.machine import Machine
+from symfive.motion import Signal, Velocity
 from symfive.row import Row
 from symfive.runs import Campaign, Run
 
@@ -73,6 +74,20 @@ class SizedForce(ForceEffect):
         if not any(map(self.applies, campaign.runs)):
             raise InputError(f"{self.key}: no run records the drive force of {self.axis}", remedy="record drive_force")
         return replace(prepared, sigma_force=self.sigma_force or usual_force(campaign, str(self.axis), FORCE_SHARE))
+
+
+def motion_signal(axis: str, quantity: str, cut_off_hz: float, rest: float = 0.0) -> Signal:
+    """`velocity` or `direction` of an axis (linear within ±`rest`, mm/s or rad/s) behind the low-pass of its force's recording;
+    where there is none, its velocity."""
+    if not cut_off_hz:
+        return Velocity(axis)
+    return FilteredMotion(axis, quantity, cut_off_hz, rest if quantity == "direction" else 0.0)
+
+
+def direction(row: Row, axis: str, cut_off_hz: float, rest: float) -> Any:
+    """sgn(v) of an axis, linear within ±`rest` (mm/s or rad/s), as the recording of its force shows it."""
+    motion = row.signal(motion_signal(axis, "direction", cut_off_hz, rest))
+    return motion if cut_off_hz else ca.fmin(ca.fmax(motion / rest, -1.0), 1.0)
 
 
 def side_of(machine: Machine, axis: str) -> tuple[str, ...]:

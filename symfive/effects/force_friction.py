@@ -8,12 +8,12 @@ from typing import Self
 
 import casadi as ca
 
-from symfive.effects._force import ForceEffect, driven_axes
+from symfive.effects._force import ForceEffect, direction, driven_axes, motion_signal
 from symfive.effects._form import FORCE, Form, Forms
 from symfive.effects._quantity import Quantity
 from symfive.errors import InputError
-from symfive.instruments.drive_force import DriveForce, FilteredMotion, driven_axis, rest_speed
-from symfive.motion import Position, Signal, Velocity
+from symfive.instruments.drive_force import DriveForce, driven_axis, rest_speed
+from symfive.motion import Position, Signal
 from symfive.parameters import Parameter
 from symfive.row import Row
 from symfive.runs import Campaign, Run
@@ -105,15 +105,9 @@ class ForceFriction(ForceEffect):
             found.append(self.own("speed", f"{axis.unit}/s", speed, mean=speed, lower=1e-2 * speed))
         return tuple(found)
 
-    def _motion(self, quantity: str = "direction") -> Signal:
-        if self.cut_off_hz:
-            return FilteredMotion(
-                str(self.axis), quantity, self.cut_off_hz, self.rest if quantity == "direction" else 0.0
-            )
-        return Velocity(str(self.axis))
-
     def signals(self) -> tuple[Signal, ...]:
-        found = [self._motion(), *([self._motion("velocity")] if self._fast else [])]
+        wanted = ("direction", "velocity") if self._fast else ("direction",)
+        found = [motion_signal(str(self.axis), quantity, self.cut_off_hz, self.rest) for quantity in wanted]
         return tuple(dict.fromkeys([*found, *([Position(str(self.axis))] if "along" in self.parts else [])]))
 
     @property
@@ -122,14 +116,13 @@ class ForceFriction(ForceEffect):
         return bool({"skew", "stribeck"} & set(self.parts))
 
     def apply(self, row: Row) -> None:
-        motion = row.signal(self._motion())
-        sign = motion if self.cut_off_hz else ca.fmin(ca.fmax(motion / self.rest, -1.0), 1.0)
+        sign = direction(row, str(self.axis), self.cut_off_hz, self.rest)
         functions = {"coulomb": sign, "offset": 1.0}
         metre = 1.0 if row.machine.axes[str(self.axis)].rotary else 1e-3
         if "along" in self.parts:
             functions["along"] = sign * row.signal(Position(str(self.axis))) * metre
         if self._fast:
-            speed = ca.fabs(row.signal(self._motion("velocity")))
+            speed = ca.fabs(row.signal(motion_signal(str(self.axis), "velocity", self.cut_off_hz)))
             functions["skew"] = speed * metre
             if "stribeck" in self.parts:
                 functions["stribeck"] = sign * ca.exp(-speed / self.parameter(row, "speed"))

@@ -8,12 +8,12 @@ from typing import Self
 import casadi as ca
 import numpy as np
 
-from symfive.effects._force import SizedForce, driven_axes
+from symfive.effects._force import SizedForce, direction, driven_axes, motion_signal
 from symfive.effects._form import Form, Forms
 from symfive.effects._quantity import Covariance, Quantity, Values, own_quantity
 from symfive.errors import InputError
-from symfive.instruments.drive_force import DriveForce, FilteredMotion, moved, rest_counts, rest_speed, stands
-from symfive.motion import RunMotion, Series, Signal, Velocity
+from symfive.instruments.drive_force import DriveForce, moved, rest_counts, rest_speed, stands
+from symfive.motion import RunMotion, Series, Signal
 from symfive.parameters import Parameter
 from symfive.row import Row
 from symfive.runs import Campaign
@@ -106,17 +106,14 @@ class HeldFriction(SizedForce):
         return tuple(self.own(name, self.force_unit(campaign), self.sigma_force or 1.0) for name in names)
 
     def signals(self) -> tuple[Signal, ...]:
-        return (AtRest(self.rests, self.shape == "each"), self._motion)
+        return (self._at_rest, motion_signal(str(self.axis), "direction", self.cut_off_hz, self.v_rest))
 
     @property
-    def _motion(self) -> Signal:
-        axis = str(self.axis)
-        return FilteredMotion(axis, "direction", self.cut_off_hz, self.v_rest) if self.cut_off_hz else Velocity(axis)
+    def _at_rest(self) -> AtRest:
+        return AtRest(self.rests, self.shape == "each")
 
     def apply(self, row: Row) -> None:
-        where, share = map(row.signal, self.signals())
-        if not self.cut_off_hz:
-            share = ca.fmin(ca.fmax(share / self.v_rest, -1.0), 1.0)
+        where, share = row.signal(self._at_rest), direction(row, str(self.axis), self.cut_off_hz, self.v_rest)
         if self.shape == "side":
             force = self.parameter(row, "hold") * (where - share) * (where != 0.0)
         else:
