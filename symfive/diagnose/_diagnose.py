@@ -120,10 +120,8 @@ def diagnose(
 def _named_slopes(posterior: Posterior, fit: Identification) -> list[Effect]:
     """The named effects of the posterior that can all join a fit: of each form one, without those that free what others do."""
     held = {effect.key for effect in fit.model.effects}
-    forms = [term.form for term in posterior.moments.terms]
-    own = [
-        f.effect for f in forms if f.basis is None and not f.at and not f.effect.unidentified and not f.effect.frees()
-    ]
+    forms = [term.form for term in posterior.moments.terms if term.form.sloped]
+    own = [form.effect for form in forms if not form.effect.unidentified and not form.effect.frees()]
     return list({effect.key: effect for effect in own if effect.key not in held}.values())
 
 

@@ -51,6 +51,11 @@ class Form:
     partner: str = ""
 
     @property
+    def sloped(self) -> bool:
+        """Whether the readings answer to it by slopes of the model about where estimation begins."""
+        return self.basis is None and not self.at
+
+    @property
     def placed(self) -> bool:
         """Whether a scan picked its place; then others of its name may act at other places."""
         return self.places > 1.0 and not self.once

@@ -341,4 +341,4 @@ def _disjoint(effects: Sequence[Effect]) -> list[list[Effect]]:
 
 def _sloped(form: Form) -> bool:
     """Whether its columns are slopes of the model about where estimation begins."""
-    return form.basis is None and not form.at and not isinstance(form.effect, Varying)
+    return form.sloped and not isinstance(form.effect, Varying)
