@@ -169,14 +169,12 @@ class _Seen:
             return int(where[np.argmax(sum(_drop(h, s, WIDTHS[-1]) for h, s in each if len(s)))])
 
         where, few = np.flatnonzero(seen), CELLS // sum(run.rows for run in runs)
-        if len(where) <= few:
-            best = best_of(where)
-        else:
+        if len(where) > few:
             inside = np.where(seen, score, 0.0)
             peaks = where[(score[where] >= inside[where - 1]) & (score[where] >= inside[(where + 1) % len(inside)])]
             highest = peaks[np.argsort(-score[peaks])[: max(1, few // (2 * PADDED))]]
-            about = best_of(highest)
-            best = best_of(where[np.abs(where - about) < PADDED])
+            where = where[np.abs(where - best_of(highest)) < PADDED]
+        best = best_of(where)
         yield tone.form(float(cycles[best]), PADDED * float(cycles[1]), int(seen.sum()) // (2 * PADDED) + 1)
 
 
