@@ -45,7 +45,7 @@ def wiring_doubts(fit: Identification, beside: Sequence[Effect] = ()) -> tuple[s
     limit = np.log(SURE / ODDS * max(len(tried), 1))
     if not tried or fit.model.campaign.rows > MOST_ROWS or fit.chi2_dof * fit.dof < fit.dof + 2.0 * limit:
         return ()
-    model = Model(fit.model.campaign, (*fit.model.added, *beside))
+    model = Model(fit.model.campaign, (*fit.model.added, *beside)) if beside else fit.model
     sums = _Sums(fit, model, [part for part in places if len(part) == 1])
     now, dof = sums.left({}), max(float(fit.dof), 1.0)
     found: list[tuple[float, tuple[Part, ...], str, float]] = []
