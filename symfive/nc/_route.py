@@ -9,7 +9,7 @@ import numpy as np
 from symfive.campaign import FIRST_LINE, Run
 from symfive.errors import InputError
 from symfive.machine import Machine
-from symfive.procedures import Nominal, home
+from symfive.procedures import Nominal
 
 Positions = Mapping[str, float]
 Way = tuple[Positions, ...]
@@ -85,7 +85,7 @@ def at_the_top(machine: Machine, place: Positions) -> dict[str, float]:
 
 def turned_home(machine: Machine, place: Positions) -> dict[str, float]:
     """The place with all rotary axes at home."""
-    return {name: home(axis) if axis.rotary else place[name] for name, axis in machine.axes.items()}
+    return {name: machine.home(name) if axis.rotary else place[name] for name, axis in machine.axes.items()}
 
 
 def over_the_top(machine: Machine, before: Positions, after: Positions) -> Way:
