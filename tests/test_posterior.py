@@ -133,8 +133,8 @@ def test_evidence_is_the_dense_marginal_likelihood(angles: int, few: bool) -> No
         j = np.zeros((run.rows, len(model.parameters)))
         j[:, line.columns] = line.jacobian[:, 0]
         kept = [row for row in range(run.rows) if (run.id, row) not in excluded]
-        parts.append((j * model.prior_sigma)[kept])
-        residual.append(fit.residuals[run.id][kept, 0])
+        parts.append((fit.weights[run.id] * j * model.prior_sigma)[kept])
+        residual.append((fit.weights[run.id] * fit.residuals[run.id])[kept, 0])
     j, r = np.concatenate(parts), np.concatenate(residual)
     at = np.array([(fit.named.get(p.name, p.mean) - p.mean) / p.sigma for p in model.parameters])
     own = [k for k, p in enumerate(model.parameters) if p.name.startswith("lateral_play")]

@@ -168,7 +168,7 @@ def _residuals(problem: Problem, values: Array, unit: str, rows: Flags | slice =
     """The residuals of all readings that count and have a unit, of some rows."""
     residuals = problem.residuals_at(values)
     return [
-        residuals[run.id][rows, columns][~problem.undetermined[run.id][rows, columns]]
+        residuals[run.id][rows, columns][problem.judged(run)[rows, columns]]
         for run in problem.model.campaign.runs
         for _, columns in problem.parts(run)
         if problem.unit_of(run, columns) == unit

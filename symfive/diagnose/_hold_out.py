@@ -126,7 +126,7 @@ def _square(model: Model, values: Array, which: Mapping[str, Rows], unit: str) -
         sensed = (k for _, part in problem.parts(run) for k in range(*part.indices(len(columns))))
         shown = [k for k in sensed if columns[k].unit == unit]
         if shown:
-            counted = which[run.id][:, None] & ~problem.undetermined[run.id][:, shown]
+            counted = which[run.id][:, None] & problem.judged(run)[:, shown]
             residual = residuals[run.id][:, shown][counted]
             square, count = square + float(np.sum(residual**2)), count + residual.size
     return square, count

@@ -60,7 +60,7 @@ def with_begin(fit: Identification, effect: Effect) -> Effect:
             problem = fit.problem()
             kept = np.zeros((run.rows, len(fit.model.columns(run))))
             for instrument, part in problem.parts(run):
-                kept[:, part] = ~problem.left_out[run.id][:, part] / fit.noises[run.id, instrument].white
+                kept[:, part] = problem.counts(run)[:, part] / fit.noises[run.id, instrument].white
             size, left = (each[run.id] * kept for each in (model.contribution(begin.always, fit.named), fit.residuals))
             with_, without = (np.sum(size * (size + sign * left), axis=1) for sign in (-2.0, 2.0))
             sooner, later = np.cumsum(with_[: begin.row][::-1])[::-1], np.cumsum(without[begin.row :])

@@ -168,9 +168,9 @@ def _excluded(fit: Identification) -> dict[str, Any]:
 
 def mean_square(result: Identification, outliers: tuple[Outlier, ...]) -> float:
     """Of the residuals that count, without these readings."""
-    never, total, count = result.problem().undetermined, 0.0, 0
+    problem, total, count = result.problem(), 0.0, 0
     for run, residual in result.residuals.items():
-        counted = ~never[run]
+        counted = problem.judged(result.model.campaign.run(run))
         names = [column.name for column in result.model.columns(run)]
         for outlier in (each for each in outliers if each.run == run):
             counted[outlier.row, names.index(outlier.column)] = False

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -119,6 +119,7 @@ def summarise(
             f"the residuals are {(declared / dof) ** -0.5:.3g} times smaller than the noise declared: are the readings in "
             "the units that their columns name (µm, not mm), and is noise_um the 1σ of one of them?",
         )
+    notes = (*notes, *_weighed(problem))
     active = [model.parameters[i] for i in free]
     sigma = np.array([p.sigma for p in active])
     return Identification(
@@ -138,7 +139,19 @@ def summarise(
         dof=dof,
         notes=notes,
         method=method,
+        weights=dict(problem.weights),
     )
+
+
+def _weighed(problem: Problem) -> Iterator[str]:
+    """Of runs with readings that depend on what their rows do not show."""
+    for run in problem.model.campaign.runs:
+        less = np.any(~problem.judged(run) & ~problem.undetermined[run.id], axis=1)
+        if less.any():
+            yield (
+                f"run {run.id}: {int(less.sum())} of {run.rows} rows hardly count: what they show depends on how the axes moved "
+                "between the recorded rows or before the first, as where an axis starts; record more rows a second, from rest on"
+            )
 
 
 def _squares(problem: Problem, residuals: Mapping[str, Array]) -> tuple[float, dict[str, float], dict[str, float]]:
@@ -150,15 +163,18 @@ def _squares(problem: Problem, residuals: Mapping[str, Array]) -> tuple[float, d
     for run in problem.model.campaign.runs:
         for name, part in problem.parts(run):
             residual, left_out = residuals[run.id][:, part], problem.left_out[run.id][:, part]
-            square = square_of(residual, left_out)
-            never = problem.undetermined[run.id][:, part]
-            whole = square_of(residual, never) if left_out.any() else square
-            declared += square / problem.noises[run.id, name].declared ** 2
+            never = ~problem.judged(run)[:, part]
+            out = left_out | never
+            square = square_of(residual, out)
+            whole = square_of(residual, never) if out.any() else square
+            weighed = residual * problem.counts(run)[:, part] if run.id in problem.weights else None
+            counted = square if weighed is None else square_of(weighed, left_out)
+            declared += counted / problem.noises[run.id, name].declared ** 2
             unit = problem.unit_of(run, part)
-            for sums, part_square, out in ((every, whole, never), (kept, square, left_out)):
+            for sums, part_square, apart in ((every, whole, never), (kept, square, out)):
                 entry = sums.setdefault(unit, [0.0, 0.0])
                 entry[0] += part_square
-                entry[1] += out.size - int(out.sum())
+                entry[1] += apart.size - int(apart.sum())
     return declared, _root_means(every), _root_means(kept)
 
 

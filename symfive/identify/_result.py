@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import html
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -66,6 +66,7 @@ class Identification(OnScreen):
     dof: float
     notes: tuple[str, ...] = ()
     method: str = "joint"
+    weights: Mapping[str, Array] = field(default_factory=dict)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -98,6 +99,7 @@ class Identification(OnScreen):
     def problem(self, model: Model | None = None) -> Problem:
         """The estimation problem of this fit, or of another model of its campaign, with its noise and without its outliers."""
         problem = Problem.of(model or self.model, noises=self.noises)
+        problem.weights = dict(self.weights)
         for outlier in self.outliers:
             names = [c.name for c in problem.model.columns(outlier.run)]
             problem.left_out[outlier.run][outlier.row, names.index(outlier.column)] = True

@@ -10,6 +10,7 @@ import numpy as np
 from symfive.arrays import Array, Flags, Indices
 from symfive.disk import new_table, release
 from symfive.effects import Effect
+from symfive.inference._between import unresolved
 from symfive.inference._information import Information, NormalEquations
 from symfive.inference._noise import Block, estimate_noise, long_run_variance, plain_noise
 from symfive.inference._outliers import (
@@ -47,6 +48,7 @@ class Problem:
     noises: dict[Key, Noise] = field(default_factory=dict)
     left_out: dict[str, Flags] = field(default_factory=dict)
     undetermined: dict[str, Flags] = field(default_factory=dict)
+    weights: dict[str, Array] = field(default_factory=dict)
     outliers: list[Outlier] = field(default_factory=list)
     repeats: tuple[tuple[str, ...], ...] = ()
     _margins: dict[str, int] = field(default_factory=dict, repr=False)
@@ -110,6 +112,9 @@ class Problem:
         used, interval = self.free[columns], run.interval
         if not used.all():
             slopes, columns = slopes[:, :, used], columns[used]
+        if run.id in self.weights:
+            weight = self.weights[run.id][rows]
+            residual, slopes = residual * weight, slopes * weight[: len(slopes), :, None]
         return {
             (run.id, name): Block(
                 residual[:, part], slopes[:, part], columns, interval, self.left_out[run.id][rows, part]
@@ -160,7 +165,28 @@ class Problem:
     def _state(self, values: Array) -> tuple[object, ...]:
         """All that the sum at `values` depends on."""
         left_out = (np.packbits(mask).tobytes() if mask.any() else b"" for mask in self.left_out.values())
-        return values.tobytes(), self.free.tobytes(), tuple(self.noises.items()), tuple(left_out)
+        weights = (weight.tobytes() for weight in self.weights.values())
+        return values.tobytes(), self.free.tobytes(), tuple(self.noises.items()), *left_out, *weights
+
+    def weigh(self, values: Array) -> None:
+        """Readings count less where they depend on what the rows do not show of the motion between them."""
+        self.weights = {}
+        for run in self.model.campaign.runs:
+            variance = unresolved(self.model, run, values, self._margins)
+            if variance is not None:
+                weight = np.ones_like(variance)
+                for name, part in self.parts(run):
+                    weight[:, part] = (1.0 + variance[:, part] / self.noises[run.id, name].white ** 2) ** -0.5
+                self.weights[run.id] = weight
+
+    def counts(self, run: Run) -> Array:
+        """How much each reading of a run counts (N, ny): outliers not at all."""
+        return np.asarray(~self.left_out[run.id] * self.weights.get(run.id, 1.0), dtype=float)
+
+    def judged(self, run: Run) -> Flags:
+        """Which readings of a run (N, ny) a fit is judged by: those that a parameter determines, and that depend less on what the
+        rows do not show of the motion than on noise."""
+        return ~self.undetermined[run.id] & (2.0 * self.weights.get(run.id, 1.0) ** 2 >= 1.0)
 
     def information(self, blocks: Mapping[Key, Block]) -> Information:
         """Sum over the blocks, each whitened by its own noise."""
@@ -343,7 +369,8 @@ class Problem:
         for (key, row, j), sigmas in sorted(beyond.items()):
             place = places[key] + j
             fresh[key[0]][row, place] = True
-            residual = float(judged[key][0].residual[row, j])
+            counted = self.weights[key[0]][row, place] if key[0] in self.weights else 1.0
+            residual = float(judged[key][0].residual[row, j] / counted)
             outliers.append(Outlier(key[0], row, self.model.columns(key[0])[place].name, residual, sigmas))
         changed = any(not np.array_equal(fresh[run], self.left_out[run]) for run in fresh)
         for run, mask in fresh.items():

@@ -167,16 +167,19 @@ def _step(matrix: Array, gradient: Array, damping: float, free: Indices, lowest:
 
 def solve(problem: Problem, values: Array, *, noise: str, progress: Progress) -> tuple[Array, bool]:
     """Estimate parameters, noise and outliers in turn until none of them changes."""
-    values, converged = gauss_newton(problem, values, STEP_TOLERANCE if noise == "declared" else 1e-2)
+    problem.weigh(values)
+    values, _ = gauss_newton(problem, values, 1e-2)
     if noise == "declared":
-        return values, converged
+        problem.weigh(values)
+        return gauss_newton(problem, values, STEP_TOLERANCE)
     for number in range(MAX_NOISE_ROUNDS):
         before = dict(problem.noises)
+        problem.weigh(values)
         survey = problem.survey(values)
         problem.estimate_noises(survey, values)
         changed = problem.flag_outliers(survey, values)
         progress(f"noise estimate {number + 1}: {len(problem.outliers)} outliers")
-        values, converged = gauss_newton(problem, values, 1e-3)
+        values, _ = gauss_newton(problem, values, 1e-3)
         settled = all(abs(np.log(problem.noises[k].total / before[k].total)) < 0.01 for k in before)
         if settled and not changed:
             break

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import lru_cache
 from typing import TYPE_CHECKING
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from symfive.arrays import Array
+from symfive.arrays import Array, Indices
 from symfive.motion._gaps import filled
 
 if TYPE_CHECKING:
@@ -19,6 +21,8 @@ LATE_S = 5e-3
 LEAD_S, LEAD_ROWS = 0.5, 5
 """Ten time constants of a slow position loop (20 1/s); rows that say how the motion goes on backwards."""
 
+_THINNED: WeakKeyDictionary[Run, dict[int, tuple[Run, ...]]] = WeakKeyDictionary()
+
 
 def instants(run: Run) -> int:
     """How many instants of an interval tell how an axis moves between its rows."""
@@ -28,6 +32,36 @@ def instants(run: Run) -> int:
 def is_curved(run: Run) -> bool:
     """Whether the axes are commanded along a smooth curve between rows, as by a control that interpolates a circle."""
     return run.options.get("between") == "curve" and run.rows > 3
+
+
+def is_told_by_rows(run: Run) -> bool:
+    """Whether the axes follow a curve between the rows of a run, of which these are all that is known."""
+    return run.dynamic and is_curved(run) and not run.pieces and run.options.get("motion_from") != "encoder"
+
+
+def thinned(run: Run, spacing: int) -> tuple[Run, ...]:
+    """The run as its ends and every second, fourth … row tell how it was commanded: from the first row on, from the second, …"""
+    kept = _THINNED.setdefault(run, {})
+    if spacing not in kept:
+        kept[spacing] = tuple(_through(run, np.arange(first, run.rows, spacing)) for first in range(spacing))
+    return kept[spacing]
+
+
+def begun_before(run: Run) -> Run | None:
+    """The run as if the axes had been in motion before, where they move from the first row on and nothing is stated."""
+    if "start" in run.options or all(way[0] == way[1] for way in run.commands.values()):
+        return None
+    return replace(run, options={**run.options, "start": "moving"})
+
+
+def _through(run: Run, rows: Indices) -> Run:
+    """The run as these rows and its ends tell how it was commanded."""
+    from scipy.interpolate import CubicSpline
+
+    known, steps = np.unique(np.concatenate([[0], rows, [run.rows - 1]])), run.steps
+    moved = {name: way for name, way in run.commands.items() if np.ptp(way)}
+    curves = {name: CubicSpline(steps[known], way[known])(steps) for name, way in moved.items()}
+    return replace(run, commands={**run.commands, **curves})
 
 
 def along_the_curve(run: Run, factor: int, respond: Callable[[int], Array]) -> Array:

@@ -105,7 +105,7 @@ def contradicted(after: Identification, node: Node, kappa2: float) -> float:
     problem, found = plain.problem(), 0.0
     for run in after.model.campaign.runs:
         for name, part in problem.parts(run):
-            kept = ~problem.left_out[run.id][:, part]
+            kept = problem.counts(run)[:, part]
             before, behind = (
                 whiten(fit.residuals[run.id][:, part] * kept, plain.noises[run.id, name], run.interval)[0]
                 for fit in (plain, after)

@@ -88,6 +88,8 @@ def fitted(
     with np.errstate(all="ignore"):  # a trial may make a drive unstable
         squares = [problem.information_at(v).square for v in vectors] if len(vectors) > 1 else [0.0]
         values = vectors[int(np.argmin(np.nan_to_num(squares, nan=np.inf)))]
+        if like is None:
+            problem.weigh(values)
         values, converged = gauss_newton(problem, values, TOLERANCE)
         if like is None and problem.flag_outliers(problem.survey(values), values):
             values, converged = gauss_newton(problem, values, TOLERANCE)

@@ -30,7 +30,8 @@ def log_chance(fit: Identification, kappa2: float) -> float:
     for o in fit.outliers:
         k = [column.name for column in fit.model.columns(o.run)].index(o.column)
         left.append(float(fit.residuals[o.run][o.row, k] / fit.model.noise(o.run)[k]))
-    return _log_chance(np.array(left), problem.readings, kappa2)
+    less = sum(float(np.sum(np.log(weight))) for weight in fit.weights.values())
+    return _log_chance(np.array(left), problem.readings, kappa2) + less
 
 
 def _log_chance(left: Array, readings: int, kappa2: float) -> float:

@@ -95,7 +95,7 @@ class _Seen:
         """Readings (N, ny, m) in declared noise; columns that are not fitted, and outliers, at zero."""
         kept = np.zeros(table.shape[:2])
         for _, part in self._problem.parts(run):
-            kept[:, part] = ~self._problem.left_out[run.id][:, part] / self._noise[run.id][part]
+            kept[:, part] = self._problem.counts(run)[:, part] / self._noise[run.id][part]
         return np.asarray(table * kept[:, :, None])
 
     def _white(self, run: Run, table: Array) -> Array:

@@ -139,7 +139,7 @@ class Tables:
         self._place = {p.name: (i, p.sigma) for i, p in enumerate(kept)}
         self._noise = {run.id: fit.model.noise(run) for run in campaign.runs}
         problem = fit.problem()
-        self._left_out = problem.left_out
+        self._problem = problem
         self._fitted = {run.id: np.concatenate([np.arange(part.start, part.stop) for _, part in problem.parts(run)])
                         for run in campaign.runs}  # fmt: skip
         self._lines = {run.id: [smoothed(model, run, model.vector(at)) for model, at in zip(self._models, values, strict=True)]
@@ -219,12 +219,12 @@ class Tables:
         """The fitted columns of readings (N, ny, …) in declared noise; what was left out as an outlier carries nothing."""
         chosen = self._fitted[run.id]
         shape = (1, len(chosen), *(1,) * (table.ndim - 2))
-        kept = self.kept(run).reshape(len(table), *shape[1:])
-        return np.asarray(table[:, chosen] * (kept / self._noise[run.id][chosen].reshape(shape)))
+        counts = self._problem.counts(run)[:, chosen].reshape(len(table), *shape[1:])
+        return np.asarray(table[:, chosen] * (counts / self._noise[run.id][chosen].reshape(shape)))
 
     def kept(self, run: Run) -> Flags:
         """Which of the fitted readings of a run (N, ny) are not left out as outliers."""
-        return ~self._left_out[run.id][:, self._fitted[run.id]]
+        return ~self._problem.left_out[run.id][:, self._fitted[run.id]]
 
     def places(self, run: Run) -> list[tuple[int, int]]:
         """(row, column of the model) of each of these."""
