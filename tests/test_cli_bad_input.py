@@ -45,6 +45,13 @@ def test_a_seed_that_is_none(symfive, tmp_path, seed, says):
     refused(symfive("simulate", NESTS, "-o", tmp_path / "out", "--seed", seed), "--seed", seed, says)
 
 
+@pytest.mark.parametrize("names", ["", ","])
+@pytest.mark.parametrize("option", ["--instrument", "--for"])
+def test_a_list_of_a_plan_that_names_nothing(symfive, tmp_path, option, names):
+    """As from a shell's variable that is not set."""
+    refused(symfive("plan", "table-bc", "-o", tmp_path / "out", option, names), option, "names nothing")
+
+
 def test_a_plan_has_nothing_to_identify(symfive, small_plan, tmp_path):
     for verb in ("identify", "diagnose"):
         answer = symfive(verb, small_plan, "-o", tmp_path / "out", "-q")

@@ -174,6 +174,7 @@ def plan(
         post = Post(**{**programs, "reversed_axes": words.rotary_of(data, programs["reversed_axes"])})
         instruments = words.names_in(poses["instrument"])
         words.refuse_unused(click.get_current_context(), instruments)
+        poses["instrument"] = ",".join(instruments)
         for dialect in dialects if "touch_probe" in instruments else ():
             can_probe(dialect, post)
         names = words.names_in(wanted)

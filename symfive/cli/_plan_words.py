@@ -43,6 +43,8 @@ OF_INSTRUMENT = {
     "touch_probe": ("sphere_radius", "tip_radius", "probe_on", "probe_off", "probe_tool"),
 }
 """Options that only one instrument has."""
+LISTS = ("instrument", "wanted")
+"""Options that are names between commas."""
 
 
 def names_in(words: str) -> tuple[str, ...]:
@@ -59,6 +61,9 @@ def refuse_unused(context: click.Context, instruments: Sequence[str]) -> None:
         kind = "a circular test" if asked["circles"] == CIRCULAR_TEST else "a plan of circles"
     else:
         kind = "a plan with several instruments" if len(instruments) > 1 else "a plan of poses"
+    for name in LISTS:
+        for option in _given(context, [name]) if not names_in(asked[name]) else ():
+            raise InputError(f'{option} "{asked[name]}" names nothing', remedy=f"name something, or leave out {option}")
     unused = {name for names in USED.values() for name in names} - set(USED[kind])
     for option in _given(context, sorted(unused)):
         raise InputError(f"{option} has no use in {kind}", remedy=f"leave out {option}")
