@@ -47,7 +47,8 @@ class Identification(OnScreen):
     `values`, `std` (k,) in the order and units of `model.parameters`; `covariance` (k, k); `rank` directions in which
     the data outweigh the prior; `rms` root mean square of all residuals, by unit of reading, `rms_kept` without those of
     the `outliers`, which the fit excluded; `chi2_dof` mean square of the kept ones over the *declared* noise per degree of
-    freedom; `residuals` run → (N, ny), on disk where a run is long.
+    freedom; `residuals` run → (N, ny), on disk where a run is long; `weights` run → (N, ny), 0…1: how much each reading counts,
+    of runs whose rows may not tell all of the motion between them.
     """
 
     model: Model

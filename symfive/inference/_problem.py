@@ -39,7 +39,8 @@ NOISE_ROWS = 60_000
 
 @dataclass
 class Problem:
-    """Readings, priors and noise of a model. `free` marks the parameters that may move; `noises` by (run, instrument);
+    """Readings, priors and noise of a model. `free` marks the parameters that may move; `noises` by (run, instrument); `weights`
+    run → (N, ny), how much each reading counts, of runs whose rows may not tell all of the motion between them (`weigh`);
     `repeats` groups of runs whose differences may show the noise. What is said `at` parameter values is computed window by
     window and takes no more memory for long runs."""
 
