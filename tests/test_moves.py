@@ -50,6 +50,22 @@ def test_a_pose_whose_nose_would_meet_the_table_is_refused() -> None:
     assert "tool and post" in table.names and "spindle nose and table" in nest.names
 
 
+def test_no_pose_or_way_leans_further_than_the_nest_opens() -> None:
+    """A plan stays within 40°; of a grid the pose beyond it is named, and the moves to it and from it. The tool leans as far
+    as B turns the table."""
+    narrow = replace(OYAMA, workspace=replace(OYAMA.workspace, nest_opening=40.0), text="")
+    made = plan(narrow, points=8, setups=1)
+    turned = [abs(run.commands["B"]).max() for run in made.campaign.runs]
+    assert max(turned) <= 40.0 + 1e-6 and max(turned) > 35.0
+    grid = {"B": (0.0, 30.0, 60.0, 20.0)}
+    (run,) = r_test_grid(narrow, grid=grid, nests=((0.0, 0.0, 120.0),), returning=False)
+    names = Clearances(narrow, run).names
+    left = Clearances(narrow, run)(np.stack([run.commands[name] for name in narrow.axis_names], axis=1))
+    assert (left[:, names.index("tool and nest")] >= 0.0).tolist() == [True, True, False, True]
+    met = dict(blocked_moves(narrow, run, program_steps(narrow, run)))
+    assert {met[row] for row in (2, 3)} == {"tool and nest"} and not {0, 1} & set(met)
+
+
 def test_a_thick_bar_passes_the_nose_at_its_radius() -> None:
     """The bar tilts towards the spindle, 45° and more from its axis: its mantle, not its axis, must pass the nose."""
     thick = replace(OYAMA, workspace=replace(OYAMA.workspace, bar_radius=12.0), text="")

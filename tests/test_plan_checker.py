@@ -85,6 +85,8 @@ FAULTS: dict[str, tuple[str, Callable[[Path], None]]] = {
         edit("machine.toml", r"(axes.C.\norigin = )\[0.0, 0.0", r"\1[250.0, 200.0")),
     "the ball stands too high": ("table",
         edit("machine.toml", r"ball_height = \[40.0, 160.0\]", "ball_height = [40.0, 90.0]")),
+    "the nest opens less far than the tool leans": ("nest",
+        edit("machine.toml", r"^\[workspace\]", "[workspace]\nnest_opening = 25.0")),
     "the first move is a five-axis rapid": ("first move", edit("nc/iso/nest.nc", r"G53 G0 Z0\n", "")),
     "the plane moves before the rotary axes": ("first move",
         edit("nc/linuxcnc/bar.ngc", r"(G0 B[^\n]*\n)(G0 X[^\n]*\n)", r"\2\1")),

@@ -92,6 +92,7 @@ def _no_pose(space: Space, z: Array, k: Array) -> InputError:
         "spindle nose and bar": "add a longer bar to bar_lengths",
         "spindle nose and post": "raise ball_height in [workspace] or use a slimmer spindle_nose",
         "tool and post": "raise ball_height in [workspace] or add a longer bar to bar_lengths",
+        "tool and nest": "use a nest that opens wider (nest_opening in [workspace])",
         "tool ball and table": higher,
         "tool over": "use a shorter tool, lower balls, or more travel of the upright axis",
         "touch and post": "use a larger sphere or a slimmer post (sphere_radius, post_radius in [workspace])",

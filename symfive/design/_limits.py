@@ -87,6 +87,9 @@ def limits_of(machine: Machine, instrument: str, geometry: PoseGeometry, most: A
             down = ca.DM([0.0, 0.0, -1.0])
             limits.append(angle_clearance(workspace, axis, down, place[2], workspace.post_radius or 0.0))
             names.append("spindle nose and post")
+    if instrument == "r_test" and workspace.nest_opening is not None:
+        limits.append(axis[2] - math.cos(math.radians(workspace.nest_opening)))
+        names.append("tool and nest")
     if instrument == "touch_probe":  # the touches at the equator stay off the sphere's post
         limits.append(axis[2] - max(math.cos(math.radians(MOST_PROBE_TILT_DEG)), least_upright(workspace)))
         names.append("touch and post")

@@ -16,6 +16,7 @@ from symfive.design._schedule import SETUP_S
 from symfive.drawing import PAGE_STYLE, SCRIPT, poses_figure, templates
 from symfive.instruments import instruments_of, mounted
 from symfive.machine import Machine
+from symfive.moves import greatest_lean
 from symfive.nc import UNCHECKED, Post, addressed, collision_warning, series_name, series_of, upright_axis, which_point
 from symfive.numbers import plain_number, unit_words
 from symfive.procedures import PAUSE_S, Nominal
@@ -122,6 +123,8 @@ def _steps(sheet: Sheet, run: Run, stands: str) -> list[str]:
             f"{' and '.join(f'{angle:g}°' for angle in np.unique(run.spindle))}. Where the program stops for it, turn the "
             "spindle by hand; the ball stays in the nest."
         )
+    if "r_test" in run.instrument:
+        steps.append(_lean(machine, run, stands))
     steps += _start(sheet, run)
     if not programmed:
         return steps
@@ -189,6 +192,15 @@ def _start(sheet: Sheet, run: Run) -> list[str]:
         f"Start the program of run {run.id}; it stops above the sphere, then touches it. Its header names the log.",
         "Bring the log back and import it: symfive import-touches PLAN LOG -o measured.",
     ]
+
+
+def _lean(machine: Machine, run: Run, stands: str) -> str:
+    """How far the tool leans from the axis of an R-test's nest, and how far it may."""
+    opening = machine.workspace.nest_opening
+    leans = f"The tool leans up to {greatest_lean(machine, run):.0f}° from the upright axis of the {stands}"
+    if opening is not None:
+        return f"{leans}; it may lean {opening:g}° (nest_opening)."
+    return f"{leans}: check that its sensors leave room for that, or state nest_opening in [workspace] and plan again."
 
 
 def _signs(run: Run) -> str:

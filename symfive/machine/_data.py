@@ -26,7 +26,8 @@ class Workspace:
 
     `table_centre` in the workpiece frame; where it is None it follows from the axes (`Machine.table_centre`).
     `clearance` is what bodies keep off each other and linear axes off the ends of their travel: a ball stands within 1 mm of its
-    place, and so is the tool's length. `sphere_radius` and `tip_radius` are those of a touch probe's sphere and tip.
+    place, and so is the tool's length. `sphere_radius` and `tip_radius` are those of a touch probe's sphere and tip;
+    `nest_opening` (degree) is how far the tool may lean from the axis of an R-test's nest.
     """
 
     table_radius: float | None = None
@@ -44,6 +45,7 @@ class Workspace:
     clearance: float = 2.0
     sphere_radius: float = 12.5
     tip_radius: float = 3.0
+    nest_opening: float | None = None
     extra: Mapping[str, Any] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
@@ -59,10 +61,13 @@ class Workspace:
             "clearance",
             "sphere_radius",
             "tip_radius",
+            "nest_opening",
         )
         positive("workspace", **{name: getattr(self, name) for name in names})
         radii = {"sphere_radius": self.sphere_radius, "tip_radius": self.tip_radius}
         at_most("workspace", ARTEFACT_MM, "mm", "no sphere or tip of a touch probe is larger", **radii)
+        if self.nest_opening is not None:
+            at_most("workspace", 180.0, "degree", "no nest opens wider", nest_opening=self.nest_opening)
         numbers("workspace", "bar_lengths", self.bar_lengths, example="bar_lengths = [100.0, 150.0]")
         for length in self.bar_lengths:
             positive("workspace", bar_lengths=length)

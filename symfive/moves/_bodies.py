@@ -4,6 +4,8 @@
             table's centre; where nobody says how wide it is, everything under that plane
     post    a cylinder from the table to `POST_TOP` mm below the table ball or nest
     ball    the table ball (half an inch); with the tool ball in its nest the tool does not count against it
+    nest    of an R-test: the tool does not leave the cone about its upright axis in which it is open (`nest_opening`); not tested
+            where nobody says how wide that is
     bar     a cylinder from the table ball to the tool ball, kept off the cup by its least elevation
     tool    a cylinder about the tool's axis from the tool ball to the spindle nose
     nose    a cylinder about the tool's axis that begins `above_ball` over the tool ball and is `NOSE_LENGTH` long

@@ -13,15 +13,31 @@ from symfive.campaign import Run
 from symfive.compiled import Mapped
 from symfive.kinematics import ball_in_workpiece, chain_poses
 from symfive.machine import Machine
-from symfive.moves._bodies import BALL_RADIUS, NOSE_LENGTH, POST_TOP, TABLE_EDGE, least_elevation, post_under_sphere
+from symfive.moves._bodies import (
+    BALL_RADIUS,
+    KEPT_OFF,
+    NOSE_LENGTH,
+    POST_TOP,
+    TABLE_EDGE,
+    least_elevation,
+    post_under_sphere,
+)
 from symfive.moves._distance import Rod, apart
 
 TABLE_DEPTH = 2000.0
 """mm of the table as a body: nobody says what is under it."""
 ON_THE_BAR = ("spindle nose and bar", "bar and post", "bar and table", "bar and cup")
 """Pairs that exist only while the bar is on."""
-NEAR = (*ON_THE_BAR[1:], "tool and table ball", "tip and post")
+NEST = "tool and nest"
+NEAR = (*ON_THE_BAR[1:], "tool and table ball", "tip and post", NEST)
 """Pairs that come near while the instrument reads."""
+
+
+def greatest_lean(machine: Machine, run: Run) -> float:
+    """How far the tool leans at most from the upright of the table at the poses of a run, degree."""
+    commands = np.stack([run.commands[name] for name in machine.axis_names], axis=1)
+    upright = Clearances(machine, run).frames(commands)[1][:, 2]
+    return math.degrees(math.acos(float(np.clip(upright.min(), -1.0, 1.0))))
 
 
 class Clearances:
@@ -54,6 +70,9 @@ class Clearances:
         self.nose = None if nose is None else float(nose["radius"])
         self.above = float(nose["above_ball"]) if nose is not None else -float(run.tool_ball[2])
         self.reach = math.hypot(self.above + NOSE_LENGTH, self.nose) if self.nose is not None else self.above
+        self.opening = None
+        if "r_test" in run.instrument and workspace.nest_opening is not None:
+            self.opening = math.radians(workspace.nest_opening)
         self.names = self._names()
 
     def _names(self) -> tuple[str, ...]:
@@ -62,6 +81,7 @@ class Clearances:
         found = [f"{body} and {other}" for body in bodies for other in others]
         found += ON_THE_BAR[self.nose is None :] if self.bar else ()
         found += [f"{self.end} and post", f"{self.end} and table"] if self.end else ()
+        found += [NEST] if self.opening is not None else ()
         return (*found, *(f"travel of {name}" for name in self.machine.axis_names))
 
     def __call__(self, commands: Array, *, bar: bool = True, enough: float = math.inf) -> Array:
@@ -93,6 +113,9 @@ class Clearances:
         found = self._apart(pairs, bodies, enough)
         if not self.probe:  # in its nest
             found["tool and table ball"] = np.where(size > 2.0 * BALL_RADIUS, found["tool and table ball"], np.inf)
+        if self.opening is not None:  # of the tool's upper end from the cone of the opening
+            lean = np.arccos(np.clip(axis[:, 2], -1.0, 1.0))
+            found[NEST] = np.where(size <= KEPT_OFF, self.above * np.sin(self.opening - lean), np.inf)
         if "bar" in bodies:
             least = math.sin(math.radians(least_elevation(workspace)))
             found["bar and cup"] = (way[:, 2] - least * size) / (

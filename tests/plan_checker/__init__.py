@@ -16,7 +16,8 @@ What a program must do (docs/design.md and docs/conventions.md say what the numb
     travel      of every axis along every block, rapids both straight and each axis at its own speed
     feed        no axis above its greatest feed on the true path; static runs at most half of it while seated
     clearance   spindle nose, tool, ball bar, what carries the table ball, and table keep apart along the whole path
-    bar, nest   while the bar is on: its length within the stroke, no rapid; the ball comes to its nest from above, creeping
+    bar, nest   while the bar is on: its length within the stroke, no rapid; the ball comes to its nest from above, creeping,
+                and the tool leans no further than the nest opens
     stop        where a hand must act, with a text that this control shows
     table       balls stand within `table_radius` of the axis that turns the table, within `ball_height`
     time        the file's time table and the plan's minutes within 5 % of what the programs take

@@ -24,6 +24,7 @@ BALL_RADIUS = 6.35
 NEST_MM = 10.0
 """Within this of its nest the ball moves at a feed, and not faster than `CREEP`."""
 CREEP = 1000.0
+LEAN_DEG = 0.05
 OUT_MM = 1.75
 """How far a bar may be pulled out where it is fed in or out of a circle."""
 
@@ -140,7 +141,8 @@ def bar_length(path: Path) -> Iterator[Finding]:
 
 
 def nest(path: Path) -> Iterator[Finding]:
-    """The ball comes to its nest and leaves it from above at a creeping feed, and between poses it stays in or goes out."""
+    """The ball comes to its nest and leaves it from above at a creeping feed, between poses it stays in or goes out, and the tool
+    leans no further than the nest opens."""
     if not path.run.nest:
         return
     away = np.linalg.norm(path.ball - path.run.table_ball, axis=1)
@@ -156,6 +158,12 @@ def nest(path: Path) -> Iterator[Finding]:
         lambda k: f"the ball comes to its nest from {low[k]:.2f} mm below",
     )  # fmt: skip
     yield from _dragged(path, away, sensor)
+    lean = np.degrees(np.arccos(np.clip(path.tool[:, 2], -1.0, 1.0)))
+    opening = float(path.machine.workspace.get("nest_opening", 180.0))
+    yield from _worst(
+        path, "nest", np.where(near, lean - opening, -np.inf), LEAN_DEG,
+        lambda k: f"the tool leans {lean[k]:.1f}° in a nest that opens to {opening:g}°",
+    )  # fmt: skip
 
 
 def _dragged(path: Path, away: Array, sensor: float) -> Iterator[Finding]:
