@@ -19,6 +19,7 @@ from symfive.campaign import Campaign, Run, read_campaign
 from symfive.diagnose import diagnose
 from symfive.effects import make_effect
 from symfive.errors import InputError
+from symfive.identify import identify
 from symfive.machine import Drive
 from symfive.model import Model
 from symfive.motion import LAG, RunMotion, Series
@@ -87,6 +88,52 @@ def test_the_lag_is_that_of_its_differential_equation(still: Campaign) -> None:
     slope = (followed(still, run, LAG_S + h).value - followed(still, run, LAG_S - h).value) / (2.0 * h)
     assert lagged.tangents["lag"] == pytest.approx(slope, rel=1e-6, abs=1e-6)
     assert followed(still, run, 0.0).value == pytest.approx(run.commands["Y"], abs=1e-12)
+
+
+def undeclared(folder: Path, *feeds: float) -> Campaign:
+    """Circles of a grid encoder on a machine whose loops have finite velocity gains, which the machine file does not state."""
+    machine = plant.planar_table()
+    runs = [
+        plant.planar_circle(machine, f"{feed:.0f}-{sign}", feed=feed, direction=sign, radius=60.0, instrument="grid_encoder")
+        for feed in feeds
+        for sign in (1, -1)
+    ]  # fmt: skip
+    plant.write_campaign(folder, machine, runs, {"EC0X": 35.0}, seed=7)
+    told = deepcopy(machine)
+    for axis in told["axes"].values():
+        axis.pop("drive", None)
+    (folder / "machine.toml").write_text(machine_toml(told))
+    return read_campaign(folder)
+
+
+def test_the_gains_of_loops_that_nobody_stated_are_those_of_the_plant(tmp_path: Path) -> None:
+    """A first-order lag leaves five times the noise, in starts and stops."""
+    campaign = undeclared(tmp_path, 4000.0)
+    fit = identify(campaign, effects=[make_effect("following_lag", shape="loop")], noise="declared")
+    assert fit.chi2_dof < 1.1
+    truth = {"lag_ms": 1e3 / 45.0}
+    for axis, velocity in (("X", 280.0), ("Y", 260.0)):
+        truth |= {f"velocity_gain_{axis}": velocity, f"integral_time_{axis}": 0.06, f"viscous_{axis}": 6.0}
+    for name, value in truth.items():
+        name = f"following_lag.{name}"
+        assert abs(fit[name] - value) < 3.5 * fit.uncertainty(name), name
+    plain = identify(campaign, effects=[make_effect("following_lag")], noise="declared")
+    assert plain.chi2_dof > 25.0
+
+
+def test_slopes_of_a_loop_that_nobody_stated_are_those_of_finite_differences(still: Campaign) -> None:
+    run = still.runs[2]
+    freed = {("Y", LAG): "lag", ("Y", "velocity_gain"): "kv", ("Y", "integral_time"): "ti", ("Y", "viscous"): "d"}
+    values = {"lag": LAG_S, "kv": 260.0, "ti": 0.06, "d": 6.0}
+
+    def position(**changed: float) -> Series:
+        return RunMotion(run, still.machine, freed, values | changed).axis("Y").position
+
+    for name, value in values.items():
+        h = 1e-5 * value
+        slope = (position(**{name: value + h}).value - position(**{name: value - h}).value) / (2.0 * h)
+        found = position().tangents[name]
+        assert found == pytest.approx(slope, rel=1e-4, abs=1e-5 * float(np.abs(found).max())), name
 
 
 def test_where_a_recording_begins_in_motion_the_lag_has_settled(still: Campaign) -> None:
@@ -168,6 +215,16 @@ def test_axes_that_follow_alike_are_one_finding_of_all_drives(tmp_path: Path) ->
     assert (found.name, found.axis) == ("servo_mismatch", None)
     assert found.parameters["lag_ms"].value == pytest.approx(1e3 * LAG_S, abs=0.05)
     assert "latency" in {rival.effect for rival in found.rivals}
+
+
+@pytest.mark.slow
+def test_loops_that_nobody_stated_are_one_finding_and_nothing_else(tmp_path: Path) -> None:
+    """With the lag alone, resonances, compliances, a play and a vibration had joined it, and the diagnosis took minutes."""
+    (found,) = diagnose(undeclared(tmp_path, 1500.0, 4000.0)).findings
+    assert (found.name, found.axis, found.confidence > 0.9) == ("servo_mismatch", None, True)
+    for name, value in (("position_gain", 45.0), ("velocity_gain_X", 280.0), ("velocity_gain_Y", 260.0)):
+        quantity = found.parameters[name]
+        assert abs(quantity.value - value) < 3.5 * quantity.std
 
 
 def test_an_axis_with_a_drive_has_its_gains_instead(tmp_path: Path) -> None:

@@ -18,6 +18,10 @@ from symfive.runs import Campaign, Run
 
 SIZES = (2.0, 8.0, 32.0)
 """In units of the usual one, up to a third of a second, at which the readings are looked at."""
+SHAPES = ("lag", "loop")
+INNER = {"velocity_gain": ("1/s", 300.0), "integral_time": ("s", 0.05), "viscous": ("1/s", 5.0)}
+"""Unit and usual size of what the velocity loop has (conventions, section 3); each as uncertain as it is large."""
+LEAST = 0.02
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,6 +29,8 @@ class FollowingLag(Effect):
     """τ·dq/dt + q = command, at rest on the first row: what a position loop makes of slow motion, τ = 1/position_gain (M. Weck
     2006: velocity-proportional following error). Without an axis all that have no drive follow alike, as the position gains of
     axes that interpolate are set. Where a drive is declared its own gains say so (`ServoMismatch`).
+
+    `shape`: `lag`, or `loop`: about a velocity loop, whose gains are found too, of each axis its own; a start or stop shows them.
 
     Typical 5–60 ms, the loops of position gains from 1 to 10 m/min a millimetre.
     """
@@ -37,6 +43,8 @@ class FollowingLag(Effect):
     hidden_by = "latency where one axis moves, or all are late alike; location errors of a rotary axis"
     action = "declare the drive of the axis in the machine file, or switch its feed-forward on in the control"
     dynamic_only = True
+    choices = (("shape", SHAPES),)
+    shape: str = "lag"
     axes: tuple[str, ...] = ()
 
     @property
@@ -64,19 +72,27 @@ class FollowingLag(Effect):
         axes = _without_drive(campaign)
         for axis in (*axes, *((None,) if axes[1:] else ())):
             effect = cls(axis=axis)
-            (lag,) = effect.parameters(campaign)
-            yield from effect.forms_about(lag, [size * lag.sigma for size in SIZES])
+            lag, *_ = effect.parameters(campaign)
+            yield from effect.forms_about(lag, [size * lag.sigma for size in SIZES], cls(axis=axis, shape="loop"))
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
-        return (self.own("lag_ms", "ms", 10.0, lower=0.0, start=0.5),)
+        lag = self.own("lag_ms", "ms", 10.0, lower=0.0 if self.shape == "lag" else LEAST, start=0.5)
+        inner = {name: INNER[gain] for (_, gain), name in self._inner().items()}
+        return lag, *(self.own(n, unit, size, mean=size, lower=LEAST * size) for n, (unit, size) in inner.items())
 
     def frees(self) -> Mapping[tuple[str, str], str]:
-        return {(axis, LAG): f"{self.key}.lag_ms" for axis in self.axes}
+        freed = {(axis, LAG): "lag_ms" for axis in self.axes} | self._inner()
+        return {place: f"{self.key}.{name}" for place, name in freed.items()}
+
+    def _inner(self) -> dict[tuple[str, str], str]:
+        """(axis, gain) of the velocity loops that are found → name of its parameter."""
+        places = [(axis, gain) for axis in self.axes for gain in INNER] if self.shape == "loop" else []
+        return {(axis, gain): gain if self.axis else f"{gain}_{axis}" for axis, gain in places}
 
     def describe(self, campaign: Campaign, values: Values, covariance: Covariance) -> dict[str, Quantity]:
         """The lag, and the position gain that has it."""
-        (lag,) = self.parameters(campaign)
-        found = {"lag_ms": own_quantity(lag, values, covariance)}
+        lag, *inner = self.parameters(campaign)
+        found = {p.name.removeprefix(f"{self.key}."): own_quantity(p, values, covariance) for p in (lag, *inner)}
         if values[lag.name] > 0.0:
             found["position_gain"] = propagated(lambda x: 1e3 / x[0], (lag.name,), "1/s", values, covariance)
         return found

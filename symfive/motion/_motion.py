@@ -204,12 +204,18 @@ class RunMotion:
             return self._smoothed(Series(command), self._earlier(measured))
         if not self.run.dynamic or np.all(command == command[0]):
             return AxisMotion(Series(command), Series(command), rest, rest)
-        if axis.drive is not None:
+        if self._has_loop(axis):
             return self._driven(axis, command)
         ahead = self._earlier(command)
         position = self._lagged(axis, ahead)
         velocity = position.through(self._rate)
         return AxisMotion(ahead, position, velocity, velocity.through(self._rate))
+
+    def _has_loop(self, axis: Axis) -> bool:
+        """Whether an axis moves as the loop of a drive, stated in the machine file or, with a lag, made up by parameters."""
+        lag = self._freed.get((axis.name, LAG))
+        made_up = lag is not None and any((axis.name, quantity) in self._freed for quantity in LOOP)
+        return axis.drive is not None or (made_up and self.values[str(lag)] > 0.0)
 
     def _lagged(self, axis: Axis, command: Series) -> Series:
         """The position of an axis that follows its command exactly, or with a lag where that is a parameter; where the recording
@@ -305,14 +311,19 @@ class RunMotion:
     def _respond(self, axis: Axis, factor: int) -> tuple[Array, tuple[str, ...], int]:
         command = np.asarray(self.run.commands[axis.name]) * axis.to_internal
         wanted = {q: self._freed[axis.name, q] for q in GAINS if (axis.name, q) in self._freed}
-        gains = {quantity: float(getattr(axis.drive, quantity)) for quantity in LOOP}
+        gains = {quantity: float(getattr(axis.drive, quantity, 0.0)) for quantity in LOOP}
         gains |= {quantity: self.values[name] for quantity, name in wanted.items()}
+        scale = np.ones(1 + len(wanted))
+        if (lag := self._freed.get((axis.name, LAG))) is not None:
+            gains["position_gain"] = 1.0 / self.values[lag]
+            wanted, scale = {**wanted, "position_gain": lag}, np.append(scale, -(gains["position_gain"] ** 2))
 
         order, (commanded, first) = tuple(sorted(gains.items())), finer(self.run, command, factor)
 
         def respond(chords: int) -> Array:
             column = commanded if chords == factor else finer(self.run, command, chords)[0]
-            return _remembered(column.tobytes(), self.run.interval / chords, order, tuple(wanted))[:: chords // factor]
+            found = _remembered(column.tobytes(), self.run.interval / chords, order, tuple(wanted))[:: chords // factor]
+            return found * scale
 
         return along_the_curve(self.run, factor, respond), tuple(wanted.values()), first
 
@@ -336,7 +347,7 @@ class RunMotion:
     def _finely(self, name: str, factor: int) -> tuple[Series, Indices, float]:
         axis, motion = self.machine.axes[name], self.axis(name)
         rows, fine = self.run.steps * factor, np.arange(self.run.steps[-1] * factor + 1)
-        driven = axis.drive is not None and self.recorded(name) is None
+        driven = self._has_loop(axis) and self.recorded(name) is None
         if driven and np.ptp(motion.command.value):
             whole, names, first = self._response(axis, factor)
             response = whole[first:]
