@@ -210,11 +210,11 @@ def test_axes_that_are_all_late_are_a_late_clock(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_axes_that_follow_alike_are_one_finding_of_all_drives(tmp_path: Path) -> None:
-    """A low-pass of the instrument is its rival; but the law of the loop is not quite first order, as that of the filter is."""
+    """The law of a loop is not quite first order, as that of a low-pass of the instrument is: that is no rival of it."""
     found = diagnose(circles(tmp_path, slow=["X", "Y"], instrument="grid_encoder")).by_share[0]
     assert (found.name, found.axis) == ("servo_mismatch", None)
     assert found.parameters["lag_ms"].value == pytest.approx(1e3 * LAG_S, abs=0.05)
-    assert "latency" in {rival.effect for rival in found.rivals}
+    assert found.confidence > 0.9
 
 
 @pytest.mark.slow
