@@ -302,7 +302,7 @@ def test_report_escapes_what_users_wrote(small, tmp_path):
     object.__setattr__(evil, "id", "<b onclick=alert(2)>$x^$</b>")  # the reader would refuse it
     campaign = replace(campaign, machine=machine, name=HOSTILE, notes=(HOSTILE,), runs=(evil, campaign.runs[1]))
     result = identify(campaign, noise="declared")
-    odd = Confounding((result.parameters[0].name, HOSTILE), (1.0, 1.0), 0.0)
+    odd = Confounding((result.parameters[0].name, HOSTILE), (1.0, 1.0), 0.0, True)
     result = replace(
         result,
         outliers=(Outlier(evil.id, 3, "dL_um", 12.0, 30.0),),

@@ -61,8 +61,7 @@ class Assessment(OnScreen):
     @property
     def inseparable(self) -> list[str]:
         """What stays confounded, in words, where an error of the machine is in it."""
-        machine = {p.name for p in self.parameters if p.kind != "setup"}
-        return [c.words for c in self.confounded if machine & set(c.names)]
+        return [c.words for c in self.confounded if c.of_machine]
 
     def to_data(self) -> dict[str, Any]:
         """The assessment as nested mappings (`assessment.json`)."""

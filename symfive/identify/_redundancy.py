@@ -57,4 +57,4 @@ def redundancies(machine: Machine | Path | str, *, poses: int = 400, seed: int =
     problem = Problem.of(model)
     information = problem.information(problem.blocks(model.start, readings=False))
     found = confounded_combinations(information.matrix, model.parameters)
-    return tuple(c for c in found if any(model.parameters[model.index[name]].kind != "setup" for name in c.names))
+    return tuple(c for c in found if c.of_machine)

@@ -219,9 +219,9 @@ class Identification(OnScreen):
             "setup": setup,
             "mountings": mountings,
             "rank": self.rank,
-            "confounded": [list(c.names) for c in self.confounded if self._concerns_machine(c)],
-            "confounded_setup": [list(c.names) for c in self.confounded if not self._concerns_machine(c)],
-            "says": [c.words for c in self.confounded if self._concerns_machine(c)],
+            "confounded": [list(c.names) for c in self.confounded if c.of_machine],
+            "confounded_setup": [list(c.names) for c in self.confounded if not c.of_machine],
+            "says": [c.words for c in self.confounded if c.of_machine],
             "rms_um": float(self.rms_um),
             "rms": {unit: float(v) for unit, v in self.rms.items()},
             "rms_kept": {unit: float(v) for unit, v in self.rms_kept.items()},
@@ -241,9 +241,6 @@ class Identification(OnScreen):
             "notes": list(self.notes),
         }  # fmt: skip
 
-    def _concerns_machine(self, combination: Confounding) -> bool:
-        return any(self.parameters[self.model.index[name]].kind != "setup" for name in combination.names)
-
     def table(self, setup: bool = False) -> list[tuple[str, float, float, str, float]]:
         """Rows (name, value, std, unit, prior 1σ), set-up parameters only if asked for."""
         rows = zip(self.parameters, self.values, self.std, strict=True)
@@ -255,7 +252,7 @@ class Identification(OnScreen):
         rows = [f"  {name:<{width}}  {with_std(value, std, unit)}" for name, value, std, unit, _ in table]
         state = "" if self.converged else "not converged, "
         head = f"identification of {self.model.machine.name}: {state}{self._quality}"
-        apart = [c.words for c in self.confounded if self._concerns_machine(c)]
+        apart = [c.words for c in self.confounded if c.of_machine]
         excluded = [self.excluded] if self.excluded else []
         return "\n".join([head, *listed(rows, "result.table()"), *excluded, *listed(apart, "result.confounded")])
 

@@ -24,11 +24,13 @@ class Confounding:
 
     `names` and `coefficients` (per 1σ of the prior) span a combination about which the data say nothing that the prior did
     not: moving all of them together by these amounts leaves the readings as they are, within the noise.
+    `of_machine`: one of them is of the machine or an effect, not of the set-up.
     """
 
     names: tuple[str, ...]
     coefficients: tuple[float, ...]
     information: float
+    of_machine: bool
 
     @property
     def words(self) -> str:
@@ -72,9 +74,9 @@ def confounded_combinations(matrix: Array, parameters: Sequence[Parameter]) -> t
         names = tuple(parameters[i].name for i in kept)
         unit = row / np.linalg.norm(row)
         information = float(unit @ scaled @ unit)
-        found.append(Confounding(names, tuple(float(row[i]) for i in kept), information))
-    machine = {p.name for p in parameters if p.kind != "setup"}
-    return tuple(sorted(found, key=lambda c: (machine.isdisjoint(c.names), c.names)))
+        of_machine = bool(machine_first[kept].any())
+        found.append(Confounding(names, tuple(float(row[i]) for i in kept), information, of_machine))
+    return tuple(sorted(found, key=lambda c: (not c.of_machine, c.names)))
 
 
 def _echelon(basis: Array, preferred: Flags) -> Array:

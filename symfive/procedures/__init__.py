@@ -8,7 +8,7 @@ from symfive.procedures._cone_circle import cone_circle
 from symfive.procedures._grid_encoder_lines import grid_encoder_lines
 from symfive.procedures._limits import checked, followed, within_travel
 from symfive.procedures._linear_positioning import linear_positioning
-from symfive.procedures._nominal import Nominal, home
+from symfive.procedures._nominal import Nominal
 from symfive.procedures._path import DIRECTIONS, DWELL_S, ramp_of, senses, through
 from symfive.procedures._planar_circle import FEED_IN_MM, PLANES, feed_in, planar_circle
 from symfive.procedures._r_test_grid import r_test_grid
@@ -19,7 +19,7 @@ from symfive.procedures._synchronous_circle import CircleFrame, circle_frame, po
 
 __all__ = [
     "DIRECTIONS", "DWELL_S", "FEED_IN_MM", "PAUSE_S", "PLANES", "CircleFrame", "Nominal", "campaign_of", "checked",
-    "circle_frame", "cone_circle", "feed_in", "followed", "grid_encoder_lines", "heights", "home", "linear_positioning",
+    "circle_frame", "cone_circle", "feed_in", "followed", "grid_encoder_lines", "heights", "linear_positioning",
     "one_after_another", "planar_circle", "polar_angle", "r_test_grid", "ramp_of", "rotary_circle", "senses", "serpentine",
     "static_ball_bar", "synchronous_circle", "through", "tool_ball_of", "within_travel",
 ]  # fmt: skip

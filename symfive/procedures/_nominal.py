@@ -14,7 +14,7 @@ from symfive.arrays import Array
 from symfive.compiled import Mapped
 from symfive.errors import InputError
 from symfive.kinematics import Chain, Pose, axis_pose, chain_of
-from symfive.machine import Axis, Machine
+from symfive.machine import Machine
 
 Commands = dict[str, Array]
 Fixed = Mapping[str, float | Array]
@@ -29,11 +29,6 @@ REGULAR = 1e-6
 """Determinant of the directions of three linear axes above which they span the space."""
 POLE = 60.0
 """A rotary axis that turns so much faster than the tool passes within 1° of the pole, where the tool points along it."""
-
-
-def home(axis: Axis) -> float:
-    """Position of an axis that a test does not use: 0, or the end of its travel nearest to 0."""
-    return float(np.clip(0.0, *axis.travel))
 
 
 def _shortest(slopes: Array, wanted: Array) -> Array:

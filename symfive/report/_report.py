@@ -25,7 +25,7 @@ from symfive.report._spectrum import residual_spectrum
 from symfive.report._standards import standards_section, worth_section
 from symfive.report._style import rendered
 from symfive.report._tables import noise_table, outlier_table, parameter_table, setup_table
-from symfive.report._words import confounded_machine, confounded_setup, verdict
+from symfive.report._words import verdict
 from symfive.screen import plural
 
 FORMATS = ("png", "svg", "pdf")
@@ -133,7 +133,8 @@ def identification_report(
     path, target = Path(folder) / NAME, None if figures is None else Path(figures)
     machine = identification.model.machine
     title = f"Identification of {machine.name}"
-    setup = confounded_setup(identification)
+    apart = [c.words for c in identification.confounded if c.of_machine]
+    setup = [c.words for c in identification.confounded if not c.of_machine]
     parameters = identification.parameters
     body = fragment(
         "identification", title=title, facts=_facts(identification),
@@ -141,7 +142,7 @@ def identification_report(
         headline=HEADLINES[identification.fits] if identification.converged else "The fit did not converge.",
         verdict=verdict(identification), quality=_quality(identification),
         notes=(*identification.notes, *identification.model.campaign.notes),
-        confounded=sentences(confounded_machine(identification)), confounded_setup=sentences(setup, 200), setup_count=len(setup),
+        confounded=sentences(apart), confounded_setup=sentences(setup, 200), setup_count=len(setup),
         parameters=parameter_table(identification) if any(not p.of_setup for p in parameters) else "",
         worth=worth_section(identification), standards=standards_section(identification), noise=noise_table(identification),
         outliers=outlier_table(identification) if identification.outliers else "",

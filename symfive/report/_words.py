@@ -21,7 +21,7 @@ def determined(identification: Identification, parameter: Parameter) -> bool:
 def verdict(identification: Identification) -> str:
     """One paragraph: does the model explain the readings, what is known now, what is not, what to do next."""
     sentences = [_fit(identification), *_noise(identification), _knowledge(identification)]
-    apart = confounded_machine(identification)
+    apart = [c for c in identification.confounded if c.of_machine]
     if apart:
         count = "one combination" if len(apart) == 1 else f"{len(apart)} combinations"
         sentences.append(f"The readings do not separate {count} of the machine's parameters (listed below).")
@@ -78,20 +78,6 @@ def _knowledge(identification: Identification) -> str:
     return f"Of {len(shared)} parameters of the machine and its effects {known_words}, not {names}."
 
 
-def confounded_machine(identification: Identification) -> list[str]:
-    """The sentences on combinations that involve the machine or an effect."""
-    return [c.words for c in identification.confounded if _concerns_machine(identification, c.names)]
-
-
-def confounded_setup(identification: Identification) -> list[str]:
-    """The sentences on combinations of set-up parameters alone."""
-    return [c.words for c in identification.confounded if not _concerns_machine(identification, c.names)]
-
-
-def _concerns_machine(identification: Identification, names: tuple[str, ...]) -> bool:
-    return any(not identification.parameters[identification.model.index[name]].of_setup for name in names)
-
-
 def meaning(parameter: Parameter, machine: Machine) -> str:
     """What a parameter is, in a few words."""
     name, _, function = parameter.name.partition(".")
@@ -131,7 +117,7 @@ def identification_text(identification: Identification) -> str:
             *wrapped("", verdict(identification)),
             "",
             *lines,
-            *confounded_machine(identification),
+            *(c.words for c in identification.confounded if c.of_machine),
             *([worth] if worth else []),
         ]
     )
