@@ -8,9 +8,22 @@ from functools import cache
 from typing import Any, get_type_hints
 
 from symfive.effects._base import LINKS, STAGES, Effect
-from symfive.effects._component import Component, component_of, location_of
 from symfive.effects._coordinates import coordinate_values
-from symfive.effects._form import AXIS, BALL, CARRIED, FORCE, TOOL, Form, Scan, Tone, across, moving, reversing
+from symfive.effects._form import (
+    AXIS,
+    BALL,
+    CARRIED,
+    FORCE,
+    TOOL,
+    Form,
+    Scan,
+    Tone,
+    across,
+    component_of,
+    location_of,
+    moving,
+    reversing,
+)
 from symfive.effects._quantity import Quantity
 from symfive.effects._words import coordinate_words, effect_words, fits, form_words
 from symfive.effects.axis_growth import AxisGrowth
@@ -56,7 +69,7 @@ from symfive.files import shown
 from symfive.machine import Machine
 
 __all__ = [
-    "AXIS", "BALL", "CARRIED", "EFFECTS", "FORCE", "LINKS", "STAGES", "TOOL", "VOCABULARY", "Component", "Effect",
+    "AXIS", "BALL", "CARRIED", "EFFECTS", "FORCE", "LINKS", "STAGES", "TOOL", "VOCABULARY", "Effect",
     "Form", "Quantity", "Scan", "Tone", "Unknown", "Varying", "across", "baseline_effects", "component_of",
     "coordinate_values", "coordinate_words", "effect_words", "form_words", "location_of", "make_effect", "moving",
     "reversing",

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from symfive.arrays import Array
-from symfive.machine import Machine
+from symfive.errors import InputError
+from symfive.machine import ErrorTerm, Machine, unknown_axis
 from symfive.runs import Campaign, Run
 
 if TYPE_CHECKING:
@@ -162,3 +163,25 @@ def own_component(machine: Machine, axis: str) -> str:
 def across(machine: Machine, axis: str) -> tuple[str, ...]:
     """The components of what an axis carries but for its own motion, as `EYX`."""
     return tuple(f"E{letter}{axis}" for letter in "XYZABC" if letter != own_component(machine, axis))
+
+
+def component_of(name: str, machine: Machine) -> ErrorTerm:
+    """An error motion of the machine by its ISO 230-1 symbol, as `EYX`. Raises `InputError` for another symbol."""
+    return _on_axis(ErrorTerm(name=name, sigma=1.0, basis=("polynomial",), order=(1,), over=("",)), machine)
+
+
+def location_of(name: str, machine: Machine) -> ErrorTerm:
+    """A location error of the machine by its ISO 230-1 symbol, as `EA0C`. Raises `InputError` for another symbol."""
+    term = _on_axis(ErrorTerm(name=name, sigma=1.0), machine)
+    if not machine.axes[term.axis].rotary and not term.angular:
+        raise InputError(
+            f"{name}: a linear axis has no position of its own, only a direction",
+            remedy=f"use EA0{term.axis}, EB0{term.axis} or EC0{term.axis}",
+        )
+    return term
+
+
+def _on_axis(term: ErrorTerm, machine: Machine) -> ErrorTerm:
+    if term.axis not in machine.axes:
+        raise unknown_axis(term.name, term.axis, machine.axes)
+    return term

@@ -11,8 +11,7 @@ import casadi as ca
 import numpy as np
 
 from symfive.effects._base import Effect
-from symfive.effects._component import component_of
-from symfive.effects._form import Form, Forms, goes_round, moving, own_component
+from symfive.effects._form import Form, Forms, component_of, goes_round, moving, own_component
 from symfive.effects._quantity import Quantity
 from symfive.errors import InputError
 from symfive.kinematics import Basis, basis_of

@@ -10,9 +10,8 @@ import numpy as np
 
 from symfive.arrays import Array
 from symfive.effects._base import Effect
-from symfive.effects._component import component_of
 from symfive.effects._force import DOWN, across, carriers, gravity_seen, sine_to_gravity, upright
-from symfive.effects._form import Form, Forms, moving
+from symfive.effects._form import Form, Forms, component_of, moving
 from symfive.effects._quantity import Covariance, Quantity, Values
 from symfive.errors import InputError
 from symfive.machine import Machine

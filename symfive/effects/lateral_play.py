@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from typing import Self
 
 from symfive.effects._base import Effect
-from symfive.effects._component import component_of
-from symfive.effects._form import Form, Forms, across, reversing
+from symfive.effects._form import Form, Forms, across, component_of, reversing
 from symfive.effects._quantity import Quantity
 from symfive.errors import InputError
 from symfive.motion import Direction, Play, PreSliding, Signal
@@ -44,7 +43,7 @@ class LateralPlay(Effect):
     def prepare(self, campaign: Campaign) -> Self:
         component = component_of(self.component, campaign.machine)
         axis = campaign.machine.axes[component.axis]
-        along = dict(zip("XYZ", axis.direction, strict=True)).get(component.letter, 0.0)
+        along = dict(zip("XYZ", axis.direction, strict=True)).get(component.component, 0.0)
         if not axis.rotary and abs(along) > 0.999:
             raise InputError(f"{self.component} lies along the motion", remedy="that is backlash")
         return super().prepare(campaign)

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from typing import Self
 
 from symfive.effects._base import Effect
-from symfive.effects._component import location_of
-from symfive.effects._form import Form, Forms, own_component
+from symfive.effects._form import Form, Forms, location_of, own_component
 from symfive.errors import InputError
 from symfive.parameters import Parameter
 from symfive.row import Row
