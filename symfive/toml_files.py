@@ -9,8 +9,8 @@ import math
 import re
 import tomllib
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ from symfive.errors import InputError, inside
 from symfive.files import read_text, shown
 from symfive.separated import LARGEST
 
-__all__ = ["TomlFile", "edited_toml", "parse_toml", "read_toml", "refuse_what_toml_lacks", "toml_text"]
+__all__ = ["TomlFile", "parse_toml", "read_toml", "refuse_what_toml_lacks", "rewritten_toml", "toml_text"]
 
 MAX_TOML_BYTES = 20_000_000
 MAX_DEPTH = 50
@@ -225,11 +225,25 @@ def _toml_item(value: Any, level: int) -> Any:
     return tomlkit.item(value.item() if hasattr(value, "item") else value)  # numpy's numbers as Python's
 
 
-def edited_toml(text: str, old: Mapping[str, Any], new: Mapping[str, Any]) -> str | None:
-    """The TOML `text` with what differs between `old` and `new` changed, its comments and layout kept.
+def rewritten_toml(
+    text: str, data: Mapping[str, Any], read: Callable[[str], Mapping[str, Any]], comments: Sequence[str] = (), *,
+    sections: Sequence[str] = (),
+) -> str:  # fmt: skip
+    """TOML text that holds `data`: `text`, out of which `read` makes such data, with what differs changed, its comments and
+    layout kept; as `toml_text` where there is none, or where that cannot be done, as when the order of tables has to change."""
+    if text:
+        with suppress(InputError):  # an edit that does not fit into the old layout
+            original = read(text)
+            if original == data:
+                return text
+            edited = _edited(text, original, data)
+            if edited is not None and read(edited) == data:
+                return edited
+    return toml_text(data, comments, sections=sections)
 
-    None where that cannot be done, as when the order of tables has to change.
-    """
+
+def _edited(text: str, old: Mapping[str, Any], new: Mapping[str, Any]) -> str | None:
+    """The TOML `text` with what differs between `old` and `new` changed; None where that cannot be done."""
     import tomlkit
     from tomlkit.exceptions import TOMLKitError
 

@@ -17,7 +17,7 @@ from symfive.instruments import check_mounting, columns_of, instruments_of
 from symfive.machine import Machine, machine_problems, read_machine, refuse_slips, unknown_keys, write_machine
 from symfive.outputs import output_folder, write_text
 from symfive.runs import OPTIONS, Campaign, Run, SetupSigma
-from symfive.toml_files import TomlFile, edited_toml, parse_toml, read_toml, toml_text
+from symfive.toml_files import TomlFile, parse_toml, read_toml, rewritten_toml
 from symfive.validation import as_tuples
 
 SCHEMA = "symfive.campaign/1"
@@ -209,24 +209,10 @@ def write_campaign_files(campaign: Campaign, folder: Path, *, to_edit: bool = Fa
     write_machine(campaign.machine, folder / "machine.toml")
     for run in campaign.runs:
         write_columns(folder / run.file, run, campaign.machine, to_edit=to_edit or not run.measured)
-    write_text(folder / "campaign.toml", _text(campaign), to_edit=True)
 
+    def read(text: str) -> dict[str, Any]:
+        file = parse_toml(Path("campaign"), text)
+        return {**file.data, "run": [_run_table(draft) for draft in _drafts(file, campaign.machine)]}
 
-def _text(campaign: Campaign) -> str:
-    data = campaign_to_data(campaign)
-    if campaign.text:
-        place = Path("campaign")
-        try:
-            original = _normalised(parse_toml(place, campaign.text), campaign.machine)
-            if original == data:
-                return campaign.text
-            edited = edited_toml(campaign.text, original, data)
-            if edited is not None and _normalised(parse_toml(place, edited), campaign.machine) == data:
-                return edited
-        except InputError:
-            pass  # an edit that does not fit into the old layout: the file is written anew
-    return toml_text(data, campaign.comments)
-
-
-def _normalised(file: TomlFile, machine: Machine) -> dict[str, Any]:
-    return {**file.data, "run": [_run_table(draft) for draft in _drafts(file, machine)]}
+    text = rewritten_toml(campaign.text, campaign_to_data(campaign), read, campaign.comments)
+    write_text(folder / "campaign.toml", text, to_edit=True)

@@ -16,7 +16,7 @@ from symfive.machine._errors import ErrorTerm, axis_of_error
 from symfive.machine._structure import DEFAULT_DIRECTION, Structure, default_kind
 from symfive.machine._suggest import meant, nearest_error, place_of, refuse_slips
 from symfive.outputs import write_text
-from symfive.toml_files import TomlFile, edited_toml, parse_toml, read_toml, refuse_what_toml_lacks, toml_text
+from symfive.toml_files import TomlFile, parse_toml, read_toml, refuse_what_toml_lacks, rewritten_toml
 from symfive.validation import as_lists, as_tuples
 
 SCHEMA = "symfive.machine/1"
@@ -64,23 +64,12 @@ def unknown_keys(machine: Machine) -> tuple[str, ...]:
 
 def write_machine(machine: Machine, path: Path | str) -> None:
     """Write a machine file, whole or not at all; what was read from a file keeps its comments and layout."""
-    write_text(Path(path), _text(machine), to_edit=True)
 
+    def read(text: str) -> dict[str, Any]:
+        return machine_to_data(_from_toml(parse_toml(Path("machine"), text)))
 
-def _text(machine: Machine) -> str:
-    data = machine_to_data(machine)
-    if machine.text:
-        place = Path("machine")
-        original = machine_to_data(_from_toml(parse_toml(place, machine.text)))
-        if original == data:
-            return machine.text
-        edited = edited_toml(machine.text, original, data)
-        try:
-            if edited is not None and machine_to_data(_from_toml(parse_toml(place, edited))) == data:
-                return edited
-        except InputError:
-            pass  # an edit that does not fit into the old layout: the file is written anew
-    return toml_text(data, machine.comments, sections=("axes",))
+    text = rewritten_toml(machine.text, machine_to_data(machine), read, machine.comments, sections=("axes",))
+    write_text(Path(path), text, to_edit=True)
 
 
 class _Problems:
