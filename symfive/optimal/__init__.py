@@ -6,13 +6,12 @@ find designs of whole poses, `refine` moves their poses, `relax` bounds them all
 """
 
 from symfive.optimal._cells import TINY, Cells, Cut, FirstCells, first_cells
-from symfive.optimal._choose import apportioned, choose
 from symfive.optimal._criteria import CRITERIA, Criterion, Trace, Volume, Worst, criterion_of, name_of
 from symfive.optimal._exchange import Candidates, exchange
 from symfive.optimal._information import Layout, Task, inverse, marginal
 from symfive.optimal._kernel import Kernel
 from symfive.optimal._refine import Objective, Rows, refine
-from symfive.optimal._relaxed import Relaxed, marginal_sensitivity, relax, sensitivity
+from symfive.optimal._relaxed import Relaxed, apportioned, choose, marginal_sensitivity, relax, sensitivity
 from symfive.optimal._spectrum import spectrum_of
 
 __all__ = [

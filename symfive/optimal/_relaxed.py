@@ -6,6 +6,10 @@ Pukelsheim 1993, ch. 7)
     h(M*) ≤ ⟨∇h(M), M*⟩ ≤ h(M) · (⟨G, P⟩ + N · max over poses of ⟨G, F(pose)⟩),   G = C K ψ'(S) Kᵀ C,
 
 whatever M = P + Σ wᵢ Fᵢ is, P being the prior information. The bound is tight at the relaxed optimum.
+
+Poses chosen one at a time begin badly where set-up errors are unknown: the first readings in a set-up tell only where its ball
+is, so that each of them gains nothing, and single exchanges do not mend that. The relaxed design shows which poses work together
+and how many belong into which set-up: whole numbers of readings (`choose`) begin with the poses of its largest weights.
 """
 
 from __future__ import annotations
@@ -15,8 +19,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from symfive.arrays import Array
-from symfive.optimal._exchange import Candidates
+from symfive.arrays import Array, Indices
+from symfive.optimal._exchange import PASSES, Candidates, exchange
 from symfive.optimal._information import Task, inverse
 
 TOLERANCE = 1e-3
@@ -215,3 +219,22 @@ def marginal_sensitivity(
         weights = weights * np.sqrt(np.maximum(gain, 1e-300))
         weights = weights * points / weights.sum()
     return best[0], best[1], weights
+
+
+ROUGH = 0.02
+"""How near its optimum, in ψ, the relaxed design is whose weights are made whole."""
+
+
+def choose(task: Task, candidates: Candidates, groups: int, points: int, passes: int = PASSES) -> Indices:
+    """`points` candidates, a repeated reading listed as often, by exchange from the relaxed design."""
+    weights = relax(task, candidates, groups, points, tolerance=ROUGH).weights
+    return exchange(task, candidates, groups, apportioned(weights, points), passes)
+
+
+def apportioned(weights: Array, points: int) -> Indices:
+    """`points` candidates, each as often as its weight (n,) says, rounded by the largest remainders."""
+    shares = weights * points / weights.sum()
+    counts = np.floor(shares).astype(np.int64)
+    remainders = np.argsort(counts - shares, kind="stable")
+    counts[remainders[: points - int(counts.sum())]] += 1
+    return np.repeat(np.arange(len(weights)), counts)
