@@ -34,9 +34,8 @@ from robots import CPPADCODEGEN, DRAKE, FRAX, PINOCCHIO, PINOCCHIO_JOINTS
 from timing import timed
 
 from symfive.codegen import Subject, codegen, subject_of
-from symfive.codegen._batch import Batch
 from symfive.codegen._sources import Sources
-from symfive.codegen.c import c_files
+from symfive.codegen.c import Batch, c_files
 from symfive.machine import ErrorTerm, preset
 from symfive.parameters import Parameter
 

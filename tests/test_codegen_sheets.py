@@ -12,7 +12,7 @@ from codegen_world import fitted, isg_error
 
 from symfive.cli import main
 from symfive.codegen import TARGETS, codegen, subject_of
-from symfive.codegen._lines import axis_lines  # differences of what sheets round
+from symfive.codegen._subject import axis_lines  # differences of what sheets round
 from symfive.effects import make_effect
 from symfive.errors import InputError
 from symfive.machine import ErrorTerm, preset, read_machine

@@ -23,9 +23,8 @@ import numpy as np
 from symfive.arrays import Array
 from symfive.codegen._chain import chain_of
 from symfive.codegen._entry import COVERAGE, Change, digits_of
-from symfive.codegen._lines import table_axes
 from symfive.codegen._sources import solved_axes
-from symfive.codegen._subject import Subject
+from symfive.codegen._subject import Subject, table_axes
 from symfive.compiled.scalar import number
 from symfive.errors import InputError
 

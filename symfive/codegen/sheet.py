@@ -16,9 +16,8 @@ import numpy as np
 
 from symfive.arrays import Array
 from symfive.codegen._entry import COVERAGE, Change
-from symfive.codegen._lines import AxisLine, axis_lines, lines_by_parameters, table_axes
 from symfive.codegen._sources import filled
-from symfive.codegen._subject import Subject
+from symfive.codegen._subject import AxisLine, Subject, axis_lines, lines_by_parameters, table_axes
 from symfive.drawing import PAGE_STYLE
 from symfive.effects import form_words
 from symfive.parameters import DETERMINED
