@@ -1,7 +1,6 @@
 """Inference on the linearised model: noise, whitened information, outliers, the maximum, what cannot be separated."""
 
-from symfive.inference._confounding import Confounding, confounded_combinations, data_rank
-from symfive.inference._information import Information
+from symfive.inference._information import Confounding, Information, confounded_combinations, data_rank
 from symfive.inference._noise import Block, square_of
 from symfive.inference._outliers import Outlier
 from symfive.inference._problem import Problem

@@ -1,13 +1,21 @@
-"""What the readings say about the parameters, added up block by block."""
+"""What the readings say about the parameters, added up block by block, and combinations of these that they cannot separate, by
+noise and prior alone, with their names.
+
+In units of the prior (x = θ/σ_prior) the data's information has eigenvalues λ. A direction with λ < 1 has learnt less
+from the data than was known before: its posterior variance is more than half its prior variance. The number of the
+others is the rank; no numerical tolerance enters.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from symfive.arrays import Array
+from symfive.arrays import Array, Flags
 from symfive.inference._noise import Block
+from symfive.parameters import Parameter, parameter_words
 
 
 @dataclass(frozen=True)
@@ -39,3 +47,85 @@ class NormalEquations:
         """The sum."""
         gram = self._gram
         return Information(gram[:-1, :-1], gram[:-1, -1], float(gram[-1, -1]), self._count)
+
+
+SHARE = 0.05
+
+
+@dataclass(frozen=True)
+class Confounding:
+    """Parameters of which the data fix fewer combinations than there are.
+
+    `names` and `coefficients` (per 1σ of the prior) span a combination about which the data say nothing that the prior did
+    not: moving all of them together by these amounts leaves the readings as they are, within the noise.
+    `of_machine`: one of them is of the machine or an effect, not of the set-up.
+    """
+
+    names: tuple[str, ...]
+    coefficients: tuple[float, ...]
+    information: float
+    of_machine: bool
+
+    @property
+    def words(self) -> str:
+        """The combination in one sentence."""
+        if len(self.names) == 1:
+            return f"{parameter_words(self.names[0])} is not determined by these readings"
+        first, *others = map(parameter_words, self.names)
+        shown = others if len(others) <= 6 else [*others[:5], f"{len(others) - 5} more"]
+        return f"{first} cannot be separated from {', '.join(shown[:-1])}{' and ' if len(shown) > 1 else ''}{shown[-1]}"
+
+
+def _scaled_eigen(matrix: Array, sigma: Array) -> tuple[Array, Array]:
+    values, vectors = np.linalg.eigh(matrix * np.outer(sigma, sigma))
+    return np.maximum(values, 0.0), vectors
+
+
+def data_rank(matrix: Array, sigma: Array) -> int:
+    """Number of directions of the parameter space in which the data outweigh the prior."""
+    return int(np.sum(_scaled_eigen(matrix, sigma)[0] >= 1.0))
+
+
+def confounded_combinations(matrix: Array, parameters: Sequence[Parameter]) -> tuple[Confounding, ...]:
+    """The undetermined directions as combinations with few names.
+
+    The subspace λ < 1 is brought to reduced row-echelon form, the machine's and the effects' parameters as pivots
+    first, so that each combination is led by one of them as far as possible. `matrix` (k, k) is the data's information.
+    """
+    sigma = np.array([p.sigma for p in parameters])
+    values, vectors = _scaled_eigen(matrix, sigma)
+    weak = values < 1.0
+    if not weak.any():
+        return ()
+    basis, scaled = vectors[:, weak].T, matrix * np.outer(sigma, sigma)
+    machine_first = np.array([p.kind != "setup" for p in parameters])
+    found = []
+    for row in _echelon(basis, machine_first):
+        share = row**2 / np.sum(row**2)
+        order = np.argsort(~machine_first * 10.0 - share)
+        least = SHARE / max(1, np.sum(share > 1e-12) / 4)
+        kept = [int(i) for i in order if share[i] >= least]
+        names = tuple(parameters[i].name for i in kept)
+        unit = row / np.linalg.norm(row)
+        information = float(unit @ scaled @ unit)
+        of_machine = bool(machine_first[kept].any())
+        found.append(Confounding(names, tuple(float(row[i]) for i in kept), information, of_machine))
+    return tuple(sorted(found, key=lambda c: (not c.of_machine, c.names)))
+
+
+def _echelon(basis: Array, preferred: Flags) -> Array:
+    """Reduced row-echelon form with complete pivoting, `preferred` columns first as long as they carry enough."""
+    rows = basis.copy()
+    free = np.ones(rows.shape[1], dtype=bool)
+    for i in range(len(rows)):
+        size = np.abs(rows[i:]) * free
+        best = size * preferred
+        if best.max() < 0.3 * size.max():
+            best = size
+        at, pivot = divmod(int(np.argmax(best)), best.shape[1])
+        rows[[i, i + at]] = rows[[i + at, i]]
+        rows[i] /= rows[i, pivot]
+        others = np.arange(len(rows)) != i
+        rows[others] -= np.outer(rows[others, pivot], rows[i])
+        free[pivot] = False
+    return rows

@@ -10,7 +10,7 @@ from symfive.diagnose import Diagnosis, Finding, RivalName, facts_of
 from symfive.effects import Quantity, coordinate_words
 from symfive.machine import Machine
 from symfive.numbers import in_words, percent, plain_number, rounded, unit_words
-from symfive.report._geometry import moved_table
+from symfive.report._evidence import moved_table
 from symfive.report._page import fragment
 from symfive.report._tables import Cell, table
 from symfive.screen import plural

@@ -17,15 +17,21 @@ from symfive.identify import Identification
 from symfive.numbers import expected_ratio, percent, plain_number, power_of_ten
 from symfive.report._cards import card
 from symfive.report._chain import chain_picture
-from symfive.report._evidence import fit_table, gap_table, observability_table, suspects_table, tests_table
+from symfive.report._evidence import (
+    fit_table,
+    gap_table,
+    geometry_chart,
+    geometry_table,
+    observability_table,
+    suspects_table,
+    tests_table,
+)
 from symfive.report._finding_figure import finding_figure
 from symfive.report._findings import closing
-from symfive.report._geometry import geometry_chart, geometry_table
 from symfive.report._page import fragment, write_page
 from symfive.report._polar import polar_trace
 from symfive.report._report import drawn, placed
-from symfive.report._standards import standards_section, worth_section
-from symfive.report._tables import noise_table, outlier_table, setup_table
+from symfive.report._tables import noise_table, outlier_table, setup_table, standards_section, worth_section
 from symfive.screen import plural
 
 NAME = "report.html"

@@ -22,9 +22,15 @@ from symfive.report._page import embedded, fragment, sentences, write_page
 from symfive.report._parameters import error_motion_bands, parameters_chart
 from symfive.report._polar import polar_trace
 from symfive.report._spectrum import residual_spectrum
-from symfive.report._standards import standards_section, worth_section
 from symfive.report._style import rendered
-from symfive.report._tables import noise_table, outlier_table, parameter_table, setup_table
+from symfive.report._tables import (
+    noise_table,
+    outlier_table,
+    parameter_table,
+    setup_table,
+    standards_section,
+    worth_section,
+)
 from symfive.report._words import verdict
 from symfive.screen import plural
 
