@@ -16,7 +16,6 @@ from symfive.design import (
     Plan,
     Sheet,
     assess,
-    best_ratio,
     certify,
     circle_information,
     make_space,
@@ -205,7 +204,10 @@ def test_circle_information_over_the_ratio() -> None:
     width, gain = "backlash.C.width", "servo_mismatch.C.position_gain"
     assert found[1.25][width] < 0.5 * found[0.9][width] < found[0.3][width]
     assert found[0.9][gain] < 0.6 * found[0.3][gain]
-    best = best_ratio(TSUTSUMI, PLAY[1:], width, radius=50.0, feed=500.0, low=1.1, high=1.6)
+    (best,) = plan_circles(
+        TSUTSUMI, PLAY[1:], count=1, ratios=np.linspace(1.1, 1.6, 7).tolist(), feeds=(500.0,), for_=(width,), criterion="A",
+        free=("ratio",), certify=False,
+    ).circles  # fmt: skip
     assert best.sigma[width] <= found[1.25][width]
 
 

@@ -20,7 +20,7 @@ from symfive.design._discriminate import (
     in_addition,
     in_common,
 )
-from symfive.design._dynamic import CirclePlan, best_ratio, plan_circles
+from symfive.design._dynamic import CirclePlan, plan_circles
 from symfive.design._information import Information, expected_information
 from symfive.design._joint_certificate import JointCertificate, certify_joint
 from symfive.design._optimise import optimise
@@ -40,7 +40,7 @@ from symfive.optimal import CRITERIA, Criterion, criterion_of
 __all__ = [
     "APART", "CRITERIA", "FAMILIES", "PAUSE_S", "Assessment", "Candidate", "Certificate", "Circle", "CirclePlan", "CircleShape",
     "CircularTest", "Criterion", "Discrimination", "Information", "JointCertificate", "JointPlan", "Part", "Plan", "Separation",
-    "Sheet", "Space", "SweepCertificate", "SweepPlan", "assess", "assessment_data", "best_ratio", "certify", "certify_joint",
+    "Sheet", "Space", "SweepCertificate", "SweepPlan", "assess", "assessment_data", "certify", "certify_joint",
     "circle_information", "circular_test", "criterion_of", "discriminate", "expected_information", "in_addition", "in_common",
     "make_space", "optimise", "plan", "plan_circles", "plan_sweeps", "plan_together", "plan_until", "setup_sheet", "task_of",
     "value_of", "write_test",

@@ -319,16 +319,3 @@ def _plan_of(
         value=goal.value(best), grid_value=goal.value(chosen), effects=tuple(effects), parameters=sought,
         notes=(*notes, *warnings),
     )  # fmt: skip
-
-
-def best_ratio(
-    machine: Machine, effects: Sequence[Effect], parameter: str, *, radius: float, feed: float, low: float, high: float,
-    noise_um: float = 0.3,
-) -> Circle:  # fmt: skip
-    """The ratio X_T/r between `low` and `high` at which `parameter` comes out best (seven places, then IPOPT)."""
-    places = [ratio for ratio in np.linspace(low, high, 7).tolist() if abs(ratio - 1.0) > 1e-9]
-    found = plan_circles(
-        machine, effects, count=1, radii=(radius,), ratios=places, feeds=(feed,), for_=(parameter,), criterion="A",
-        free=("ratio",), noise_um=noise_um, certify=False,
-    )  # fmt: skip
-    return found.circles[0]
