@@ -15,8 +15,6 @@ from symfive.instruments import fitted_parts
 from symfive.kinematics import ball_in_workpiece
 from symfive.machine import Machine
 
-__all__ = ["Circle", "CircleFinder", "grouped"]
-
 LEAST_SWEEP = np.radians(60.0)
 INSTRUMENTS = ("ball_bar", "grid_encoder")
 

@@ -13,8 +13,6 @@ import numpy as np
 from symfive.arrays import Array
 from symfive.errors import InputError
 
-__all__ = ["Spool", "new_table", "release"]
-
 IN_MEMORY_BYTES = 1 << 21
 TURNED_ROWS = 1 << 16
 

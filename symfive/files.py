@@ -8,8 +8,6 @@ from pathlib import Path
 from symfive.errors import InputError
 from symfive.outputs import Reading
 
-__all__ = ["decoded", "one_line", "read_bytes", "read_text", "shown"]
-
 MAX_TEXT_BYTES = 1_000_000_000
 
 

@@ -11,8 +11,6 @@ from symfive.files import shown
 from symfive.machine import Machine, preset, presets, read_machine
 from symfive.model import FittedModel, read_model
 
-__all__ = ["campaign_given", "machine_given", "machine_or_model_given", "model_given"]
-
 TABLES = (".csv", ".tsv", ".txt")
 
 

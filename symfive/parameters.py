@@ -7,8 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-__all__ = ["DETERMINED", "UNIT_SCALE", "Parameter", "parameter_words"]
-
 UNIT_SCALE = {
     "um": 1e-3, "urad": 1e-6, "mm": 1.0, "deg": math.pi / 180.0, "rad": 1.0, "s": 1.0, "ms": 1e-3, "ppm": 1e-6,
     "deg/s": math.pi / 180.0, "um/mm": 1e-3, "urad/deg": 1e-6 * 180.0 / math.pi, "um/h": 1e-3 / 3600.0,

@@ -13,8 +13,6 @@ from symfive.machine import Machine, designed_ball
 from symfive.numbers import plain_number
 from symfive.runs import Campaign, Run
 
-__all__ = ["doubts", "unreadable"]
-
 TINY, SLIP = 0.1, 10.0
 """Readings that scatter by less than this part of their noise; an axis faster than its max_feed by this factor (slips of
 units are 57, 60 and 1000)."""

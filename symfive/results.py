@@ -14,8 +14,6 @@ from symfive.outputs import write_json
 if TYPE_CHECKING:
     from symfive.diagnose import Diagnosis
 
-__all__ = ["write_diagnosis", "write_identification"]
-
 Progress = Callable[[str], None]
 
 

@@ -13,8 +13,6 @@ from symfive.machine import Machine
 from symfive.motion import Signal, SpindleAngle
 from symfive.runs import Column
 
-__all__ = ["Row"]
-
 Symbol = Any
 
 

@@ -6,8 +6,6 @@ import html
 import textwrap
 from collections.abc import Container, Sequence
 
-__all__ = ["MOST", "OnScreen", "aligned", "listed", "plural", "wrapped"]
-
 MOST = 30
 """Entries of one kind that a screen holds beside all else."""
 WIDTH, HARD_SPACE = 100, "\u00a0"

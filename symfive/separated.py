@@ -10,8 +10,6 @@ from typing import Any
 from symfive.errors import InputError
 from symfive.files import shown
 
-__all__ = ["SIGNS", "Marks", "are_numbers", "cells_of", "plain_cell", "sign_of", "signs_of"]
-
 LARGEST = 1e12
 """No number in a file or an option is larger, in its unit: beside 1e12 µm a double resolves no nanometre any more."""
 SMALLEST = 1e-12

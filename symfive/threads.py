@@ -13,8 +13,6 @@ from typing import Any, ParamSpec, TypeVar
 
 from threadpoolctl import ThreadpoolController
 
-__all__ = ["one_thread"]
-
 P = ParamSpec("P")
 R = TypeVar("R")
 

@@ -19,8 +19,6 @@ from symfive.errors import InputError, inside
 from symfive.files import read_text, shown
 from symfive.separated import LARGEST
 
-__all__ = ["TomlFile", "parse_toml", "read_toml", "refuse_what_toml_lacks", "rewritten_toml", "toml_text"]
-
 MAX_TOML_BYTES = 20_000_000
 MAX_DEPTH = 50
 

@@ -10,8 +10,6 @@ from symfive.errors import InputError
 from symfive.files import shown
 from symfive.separated import LARGEST, SMALLEST
 
-__all__ = ["as_lists", "as_tuples", "at_most", "finite", "freeze", "is_number", "numbers", "one_of", "positive"]
-
 
 def is_number(value: object) -> TypeGuard[float]:
     """Whether it is an int or float (and no bool) within `symfive.separated.LARGEST`."""

@@ -13,8 +13,6 @@ from symfive.effects import Effect
 from symfive.model import Model
 from symfive.posterior import Expansion, Name, Posterior, Subset, Verdict, linear_estimate, log_evidence
 
-__all__ = ["asked", "folder_of"]
-
 OPEN = 0.05
 """A test is asked for from this probability on that the first name is wrong (1 in 20, as tests are judged)."""
 RIVALS = 3

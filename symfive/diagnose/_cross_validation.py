@@ -17,8 +17,6 @@ from symfive.model import Model
 from symfive.numbers import change, plain_number
 from symfive.threads import one_thread
 
-__all__ = ["Fit", "cross_validated"]
-
 FOLDS = 4
 BEYOND = 1.5
 """Held-out readings predicted so many times worse than fitted ones are reported."""

@@ -30,8 +30,6 @@ from symfive.numbers import with_std
 from symfive.screen import OnScreen
 from symfive.threads import one_thread
 
-__all__ = ["Detection", "Disagreement", "Test", "detect", "log_tail"]
-
 MAX_LAG = 20
 SILENT = 1e-9
 """A group with less than this share of what all tell of a parameter says nothing of it."""

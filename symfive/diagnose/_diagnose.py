@@ -25,8 +25,6 @@ from symfive.plausible import unreadable
 from symfive.posterior import EXPECTED, Posterior, baseline, candidates, fitted, over_all, polish, verdicts_on
 from symfive.threads import one_thread
 
-__all__ = ["diagnose"]
-
 UNSEEN = "the rows outside the search"
 
 

@@ -30,8 +30,6 @@ from symfive.posterior import (
 )
 from symfive.threads import one_thread
 
-__all__ = ["amend", "findings_of", "model_averaged", "moved"]
-
 LISTED = 1e-3
 """Rivals less probable than this are not listed."""
 ACTS = 0.05

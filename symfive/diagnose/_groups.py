@@ -8,8 +8,6 @@ import numpy as np
 
 from symfive.campaign import Campaign, Run
 
-__all__ = ["kind_of", "partitions", "way"]
-
 SAME_FEED = 1.25
 """Runs in order of their speed are of one feed as long as each is within this factor of the one before."""
 

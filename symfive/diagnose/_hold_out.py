@@ -20,11 +20,6 @@ from symfive.numbers import change, unit_words
 from symfive.posterior import SAME, Expansion, sigmas_from_nothing
 from symfive.threads import one_thread
 
-__all__ = [
-    "WORSE", "HoldOut", "Withdrawn", "held_out", "held_out_square", "over_whole", "root", "validated", "variations_withdrawn",
-    "withdraw", "worse_held_out",
-]  # fmt: skip
-
 Rows = Flags
 TOLERANCE = 1e-2
 """Share of its 1σ by which no set-up error moves any more."""

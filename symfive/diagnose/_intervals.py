@@ -15,8 +15,6 @@ from symfive.identify import Identification
 from symfive.machine import Machine
 from symfive.model import Model
 
-__all__ = ["Interval", "direction_of", "intervals_of", "with_begin"]
-
 
 @dataclass(frozen=True)
 class Interval:

@@ -35,8 +35,6 @@ from symfive.posterior import (
 from symfive.screen import OnScreen, listed
 from symfive.threads import one_thread
 
-__all__ = ["Location", "Observability", "Suspect", "locate", "located", "observability_words"]
-
 ALIKE = 0.999
 """Cosine of two visible shapes from which on they are one class: at 22 σ of size they would differ by 1 σ."""
 CLEAR = 3.0

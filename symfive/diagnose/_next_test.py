@@ -16,8 +16,6 @@ from symfive.model import Model
 from symfive.motion import programme_of
 from symfive.procedures import Nominal, planar_circle, r_test_grid
 
-__all__ = ["next_test", "possible_tests"]
-
 SHIFT_MM = 150.0
 RUN_UP_DEG = 15.0
 HALF_DEG = 180.0 - 2.0 * RUN_UP_DEG

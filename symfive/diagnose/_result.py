@@ -22,10 +22,6 @@ from symfive.inference import Outlier
 from symfive.numbers import change, expected_ratio, in_words, percent, plain_number, with_std
 from symfive.screen import OnScreen, listed, wrapped
 
-__all__ = [
-    "EXPLAINED", "SCHEMA", "SHOWN_SHARE", "Diagnosis", "Finding", "RivalName", "mean_square",
-]  # fmt: skip
-
 SCHEMA = "symfive.diagnosis/1"
 EXPLAINED = 1.1
 """Residuals up to so many times the declared noise count as explained."""

@@ -16,8 +16,6 @@ from symfive.errors import InputError
 from symfive.importers import cycles_of
 from symfive.instruments import instruments_of
 
-__all__ = ["Split", "first_half", "parted", "runs_of"]
-
 Rows = Flags
 SHOWN = 6
 """Held-out runs whose names are written out, at most."""

@@ -18,8 +18,6 @@ from symfive.disk import release
 from symfive.motion import approach
 from symfive.runs import Piece
 
-__all__ = ["LONG", "stretches_of"]
-
 LONG, SEEN = 20_000, 8_000
 """Rows of all recordings up to which the search sees every one, which takes 1 GB; and about how many it sees of more."""
 MOST_STEP = 8

@@ -14,8 +14,6 @@ from symfive.numbers import in_words, name_words, percent, plain_number, rounded
 if TYPE_CHECKING:
     from symfive.diagnose._result import Finding
 
-__all__ = ["facts_of", "place_words", "sentence_of"]
-
 SHOWN_NUMBERS, SHOWN_MOVES, SHOWN_RIVALS, SHOWN_RUNS = 4, 3, 3, 6
 SHOWN_RIVAL = 0.01
 """A less probable rival is not named in words."""
