@@ -73,7 +73,7 @@ def test_a_rival_that_only_the_priors_make_improbable_spoils_no_test_against_the
     plain = Campaign(machine=machine, runs=tuple(runs), name="plan")
 
     def part(before: float, *sigmas: float) -> Discrimination:
-        table = [Separation(run.id, s, s, s, 1.0) for run, s in zip(runs, sigmas, strict=True)]
+        table = [Separation(run.id, s, 1.0) for run, s in zip(runs, sigmas, strict=True)]
         return Discrimination(plain, max(sigmas), before, tuple(sorted(table, key=lambda row: -row.sigmas)))
 
     both = in_common({"cubic": part(3.2, 3.3, 3.25), "sag": part(3.2, 3.25, 11.0)}, runs)
@@ -91,7 +91,7 @@ def test_further_tests_are_those_that_part_what_the_first_leaves():
     plain = campaign_of(machine, planar_circle(machine, direction="ccw"))
 
     def part(before: float, **sigmas: float) -> Discrimination:
-        table = tuple(Separation(name, s, s, s, 1.0) for name, s in sigmas.items())
+        table = tuple(Separation(name, s, 1.0) for name, s in sigmas.items())
         return Discrimination(plain, max(sigmas.values()), before, table)
 
     one, two, three = part(0.0, a=9.0, b=1.0, c=0.0), part(4.0, a=4.1, b=5.5, c=4.0), part(0.0, a=0.0, b=4.0, c=9.0)
@@ -103,7 +103,7 @@ def test_further_tests_are_those_that_part_what_the_first_leaves():
 
 def test_a_further_test_is_a_plan_with_programs_and_a_sheet_that_says_what_it_is_for(tmp_path: Path) -> None:
     asked = campaign_of(preset("three-axis"), planar_circle(preset("three-axis"), direction="ccw"))
-    test = Discrimination(asked, 41.2, 2.0, (Separation("xy-ccw", 41.2, 40.0, 42.0, 3.0),))
+    test = Discrimination(asked, 41.2, 2.0, (Separation("xy-ccw", 41.2, 3.0),))
     write_test(test, tmp_path, nc=("linuxcnc", "heidenhain"))
     assert read_campaign(tmp_path).runs[0].rows == asked.rows
     assert [p.parent.name for p in sorted(tmp_path.glob("nc/*/*"))] == ["heidenhain", "linuxcnc"]
@@ -116,9 +116,7 @@ def test_a_further_test_without_a_clear_way_gets_no_program(tmp_path: Path) -> N
     """A whole circle in YZ carries the bar through what stands under the table ball: the sheet says so in a program's place."""
     machine = preset("three-axis")
     asked = campaign_of(machine, planar_circle(machine, plane="YZ", sweep_deg=360.0, direction="ccw"))
-    write_test(
-        Discrimination(asked, 41.2, 2.0, (Separation("yz-ccw", 41.2, 40.0, 42.0, 3.0),)), tmp_path, nc=("linuxcnc",)
-    )
+    write_test(Discrimination(asked, 41.2, 2.0, (Separation("yz-ccw", 41.2, 3.0),)), tmp_path, nc=("linuxcnc",))
     assert not list(tmp_path.glob("nc/*/*"))
     sheet = (tmp_path / "setup.html").read_text(encoding="utf-8")
     assert "No program: run yz-ccw: bar and" in sheet and "along the recording at line" in sheet

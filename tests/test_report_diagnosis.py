@@ -171,7 +171,7 @@ def test_a_size_that_no_machine_has_is_spoken_of(found):
 
 
 def test_rivals_and_the_next_test_stand_with_the_finding(found):
-    table = (Separation("height 100 mm", 41.2, 40.0, 42.0, 3.0),)
+    table = (Separation("height 100 mm", 41.2, 3.0),)
     test = Discrimination(found.after.model.campaign, 41.2, 2.0, table)
     rivals = (
         RivalName("error_motion", "B", 0.12, "EXB"),
@@ -300,7 +300,7 @@ def test_what_users_wrote_is_escaped(found, page_of):
 
 
 def test_the_next_test_is_a_link_with_what_it_is_expected_to_tell(found, page_of):
-    table = (Separation("height 100 mm", 41.2, 40.0, 42.0, 3.0), Separation("repeat", 2.1, 2.0, 2.2, 3.0))
+    table = (Separation("height 100 mm", 41.2, 3.0), Separation("repeat", 2.1, 3.0))
     test = Discrimination(found.after.model.campaign, 41.2, 2.0, table)
     finding = replace(found.findings[0], next_test="next-test/thermal_drift", test=test)
     text = page_of(finding)

@@ -38,7 +38,7 @@ def test_a_machine_without_a_linear_axis_has_results_and_the_plan_of_its_test(tm
     plan = Campaign(machine=ROTARY, runs=(run,))
     slow = {"servo_mismatch.C.position_gain": 6.0}
     found = diagnose(simulate(plan, effects=[make_effect("servo_mismatch", "C")], truth=slow, seed=1).campaign)
-    test = Discrimination(plan, 40.0, 2.0, (Separation("sine again", 40.0, 40.0, 40.0, 40.0),))
+    test = Discrimination(plan, 40.0, 2.0, (Separation("sine again", 40.0, 40.0),))
     asking = replace(found.findings[0], next_test="plans/apart", test=test)
     write_diagnosis(replace(found, findings=(asking,)), tmp_path)
     assert (tmp_path / "diagnosis.json").exists() and (tmp_path / "report.html").exists()

@@ -41,13 +41,11 @@ Candidate = Campaign | Run | Sequence[Run]
 
 @dataclass(frozen=True)
 class Separation:
-    """One candidate: `sigmas` expected with it (and with what was measured), `a_as_b` if a is true, `b_as_a` if b is;
-    `minutes` of recording."""
+    """One candidate: `sigmas` expected with it (and with what was measured) if the one that it separates less is true; `minutes`
+    of recording."""
 
     name: str
     sigmas: float
-    a_as_b: float
-    b_as_a: float
     minutes: float
 
 
@@ -214,7 +212,7 @@ def _separation(
     name: str, ab: Sequence[_Explained], ba: Sequence[_Explained], ids: Sequence[str], minutes: float
 ) -> Separation:
     there, back = (math.sqrt(float(np.mean([each.left(ids) for each in way]))) for way in (ab, ba))
-    return Separation(name, min(there, back), there, back, minutes)
+    return Separation(name, min(there, back), minutes)
 
 
 class _Explained:

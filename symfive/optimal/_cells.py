@@ -100,12 +100,11 @@ class Cut:
 
 @dataclass(frozen=True)
 class FirstCells:
-    """The cells of a regular grid in which φ may exceed a limit; `settled`, the highest bound of all others; `looked_at`, how
-    many there are; `thirds` (n, orders), bounds of the third derivatives over α! in each of `cells`, by `orders` (orders, d)."""
+    """The cells of a regular grid in which φ may exceed a limit; `settled`, the highest bound of all others;
+    `thirds` (n, orders), bounds of the third derivatives over α! in each of `cells`, by `orders` (orders, d)."""
 
     cells: Cells
     settled: float
-    looked_at: int
     thirds: Array
     orders: Indices
 
@@ -164,7 +163,7 @@ def _first_cells(spectrum: Spectrum, low: Array, high: Array, limit: float) -> F
         thirds.append(np.stack([_third(order, left, least[order], half) for order in orders], axis=1))
     poses = np.concatenate(centres)
     cells = Cells(poses, np.tile(half, (len(poses), 1)), np.arange(len(poses)))
-    return FirstCells(cells, settled, int(counts.prod()), np.concatenate(thirds), np.array(orders))
+    return FirstCells(cells, settled, np.concatenate(thirds), np.array(orders))
 
 
 def _counts(low: Array, high: Array, fifth: Mapping[Order, float], limit: float) -> Indices:
