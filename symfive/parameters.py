@@ -72,11 +72,6 @@ class Parameter:
         """Where estimation begins."""
         return self.mean if self.start is None else self.start
 
-    @property
-    def bounded(self) -> bool:
-        """Whether it has a hard bound."""
-        return math.isfinite(self.lower) or math.isfinite(self.upper)
-
 
 def parameter_words(name: str) -> str:
     """A parameter's name in a sentence: of set-up as `tool ball x of run nest1` or `… of mounting A`, any other as it is."""

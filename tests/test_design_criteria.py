@@ -64,7 +64,7 @@ def test_relaxed_design_is_the_one_in_closed_form(
     found = [relaxed.weights[np.abs(LINE - x) < 0.06].sum() for x in (-1.0, 0.0, 1.0)]
     tolerance = 0.03 if name in ("E", "G") else 0.01  # their p-means shift the optimum a little
     assert found == pytest.approx(weights, abs=tolerance)
-    assert relaxed.efficiency > 0.999
+    assert relaxed.bound > relaxed.value - 1e-3
 
 
 def test_values_of_the_criteria_in_closed_form() -> None:
@@ -78,8 +78,8 @@ def test_values_of_the_criteria_in_closed_form() -> None:
         "G": math.log(9.0),
     }
     for name in CRITERIA:
-        assert criterion_of(name, 2, places).exact(S) == pytest.approx(expected[name])
         made = criterion_of(name, 2, places)
+        assert made.value(S) == pytest.approx(expected[name], abs=math.log(2.0) / 32.0 if name in ("E", "G") else 1e-12)
         assert made.value(3.0 * S) == pytest.approx(made.value(S) + math.log(3.0))
         assert float(np.sum(made.slope(S) * S)) == pytest.approx(1.0)  # Euler: ψ is homogeneous
     with pytest.raises(InputError, match='criterion "Q" is unknown; use one of D, A, E, V, G'):

@@ -116,7 +116,7 @@ def test_an_assessment(monkeypatch, circles):
     for run, worth in whole.worth.items():
         assert isinstance(cut.worth[run], np.memmap)
         assert cut.worth[run] == pytest.approx(worth, rel=1e-6, abs=1e-12)
-    assert cut.nothing() == whole.nothing()
+        assert cut.idle[run].tolist() == whole.idle[run].tolist()
 
 
 def test_a_long_recording_is_drawn_by_blocks_of_all_its_rows():

@@ -61,8 +61,8 @@ def found() -> Diagnosis:
     fit = Fit(before.rms_um, after.rms_um, before.chi2_dof, after.chi2_dof, 1.67, 0.44)
     classes = (("location_error.EA0Y", "location_error.EA0Z"),)
     first, last = detect(before), detect(after)
-    suspect = Suspect("structure", "B", "B", effects[0], 496.0, -490.0, (0.0, 0.0, 1.0), campaign, after.named)
-    location = Location(first, seen, classes, (suspect,), {"r_test: dx_um": 4.0})
+    suspect = Suspect("structure", "B", "B", effects[0], 496.0, -490.0, campaign, after.named)
+    location = Location(first, seen, classes, (suspect,))
     return Diagnosis(2e-106, 0.4, findings, fit, first, location, last, before, after)
 
 

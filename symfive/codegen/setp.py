@@ -35,11 +35,10 @@ RESOLUTION = 1e-4
 
 @dataclass(frozen=True)
 class Poses:
-    """`q` (N, axes) mm and rad, `tool` (3) mm, the tool's point in the workpiece by design and by the model (N, 3) mm, its
+    """`q` (N, axes) mm and rad, the tool's point in the workpiece by design and by the model (N, 3) mm, its
     derivatives by the parameters in their own units (N, 3, k)."""
 
     q: Array
-    tool: Array
     nominal: Array
     real: Array
     real_by_p: Array
@@ -74,7 +73,7 @@ def workspace_poses(subject: Subject) -> Poses:
     ball, slope, *_ = _many(function, q, tool, subject)
     q[:, places] += np.linalg.solve(slope[:, :, places], (wanted - ball[:, :, 0])[:, :, None])[:, :, 0]
     nominal, _, real, by_p = _many(function, q, tool, subject)
-    return Poses(q, tool, nominal[:, :, 0], real[:, :, 0], by_p)
+    return Poses(q, nominal[:, :, 0], real[:, :, 0], by_p)
 
 
 def _many(function: ca.Function, q: Array, tool: Array, subject: Subject) -> list[Array]:

@@ -123,10 +123,6 @@ class Assessment(OnScreen):
         """Run → rows (from 0) that add almost no information."""
         return {run: np.flatnonzero(w < WORTHLESS / max(len(w), 1)) for run, w in self.worth.items()}
 
-    def nothing(self) -> tuple[tuple[str, int], ...]:
-        """Rows that add almost no information."""
-        return tuple((run, row) for run, rows in self.idle.items() for row in rows.tolist())
-
 
 def _spans(lines: Indices) -> str:
     """Numbers in words: 3, 7-12."""

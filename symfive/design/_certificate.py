@@ -51,14 +51,13 @@ class Certificate:
     """`efficiency` of the plan: at least this share of the best any plan with `points` poses in the same set-ups can reach
     (in variance, per parameter). `anywhere` the same against any set-ups in the workspace (by `_anywhere`, on a grid of
     them; None where it was not asked for). `value` ψ of the plan, `bound` the lowest ψ there is, `relaxed` ψ of the relaxed
-    design, `rigour` how sure the bound is, `rounds` of column generation."""
+    design, `rigour` how sure the bound is."""
 
     efficiency: float
     value: float
     bound: float
     relaxed: float
     rigour: str
-    rounds: int
     points: int
     anywhere: float | None = None
 
@@ -97,15 +96,14 @@ def _down(share: float) -> str:
 @dataclass(frozen=True)
 class Generated:
     """The relaxed design of some set-ups by column generation: `columns` with the weights `relaxed`, the lowest ψ `bound`
-    that any design in them has, `reached` the lowest ψ of a relaxed design, after so many `rounds`; `top` is the largest
-    φ found at `relaxed`, `best` are its poses."""
+    that any design in them has, `reached` the lowest ψ of a relaxed design; `top` is the largest φ found at
+    `relaxed`, `best` are its poses."""
 
     search: Search
     columns: Candidates
     relaxed: Relaxed
     reached: float
     bound: float
-    rounds: int
     top: float
     best: Candidates
 
@@ -131,7 +129,7 @@ def certify(space: Space, task: Task, rows: Rows, *, prove: bool = True) -> Cert
             break
         found = generate(space, task, rows, value=value, more=found.columns.joined(proved[1]))
     efficiency = min(1.0, math.exp(bound - value))
-    return Certificate(efficiency, value, bound, min(value, found.reached), rigour, found.rounds, points)
+    return Certificate(efficiency, value, bound, min(value, found.reached), rigour, points)
 
 
 def _proved(
@@ -169,7 +167,7 @@ def generate(
     weights = np.concatenate(
         [np.full(given, points / given), np.full(len(columns) - given, 0.1 * points / len(columns))]
     )
-    bound, rounds, reached, starts = -math.inf, 0, math.inf, FEW
+    bound, reached, starts = -math.inf, math.inf, FEW
     history: list[float] = []
     for rounds in range(1, most + 1):
         tolerance = max(
@@ -192,7 +190,7 @@ def generate(
             bound, starts, history = -math.inf, MANY, []
         columns = columns.take(kept).joined(fresh)
         weights = np.concatenate([relaxed.weights[kept], np.full(len(fresh), 0.02 * points / len(fresh))])
-    return Generated(search, columns, relaxed, reached, bound, rounds, top, fresh)
+    return Generated(search, columns, relaxed, reached, bound, top, fresh)
 
 
 def _extended(task: Task, relaxed: Relaxed, columns: Candidates, grid: Candidates, groups: int, points: int) -> Array:

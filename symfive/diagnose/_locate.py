@@ -12,10 +12,9 @@ from functools import cached_property
 
 import numpy as np
 
-from symfive.arrays import Array
 from symfive.campaign import Campaign
 from symfive.diagnose._detect import Detection, detect
-from symfive.diagnose._intervals import Interval, direction_of, intervals_of
+from symfive.diagnose._intervals import Interval, intervals_of
 from symfive.effects import Effect, Form, coordinate_words, form_words
 from symfive.identify import Identification
 from symfive.machine import Machine
@@ -59,7 +58,7 @@ class Suspect:
 
     `nats` that it adds to the log evidence by itself, `log_p` natural log of the p-value, corrected for all that was looked at:
     P(evidence ratio > exp(nats)) ≤ exp(-nats) where nothing is missing (A. Markov; V. Vovk & R. Wang 2021). `values` of all
-    parameters with it, by name; `direction` of space in the machine frame.
+    parameters with it, by name.
     """
 
     link: str
@@ -68,7 +67,6 @@ class Suspect:
     effect: Effect
     nats: float
     log_p: float
-    direction: tuple[float, float, float] | None
     campaign: Campaign = field(repr=False)
     values: Mapping[str, float] = field(repr=False)
 
@@ -89,24 +87,17 @@ class Suspect:
 
 @dataclass(frozen=True, repr=False)
 class Location(OnScreen):
-    """Where a fit may lack something. `suspects` best of every link and axis, most significant first; `columns` mean square
-    of the whitened residual by instrument and column (1: noise): whether the mismatch shows in front of the encoder or behind."""
+    """Where a fit may lack something. `suspects` best of every link and axis, most significant first."""
 
     detection: Detection
     observability: tuple[Observability, ...]
     classes: tuple[tuple[str, ...], ...]
     suspects: tuple[Suspect, ...]
-    columns: Mapping[str, float]
 
     @property
     def significant(self) -> tuple[Suspect, ...]:
         """Suspects that are significant at the detection's level."""
         return tuple(s for s in self.suspects if s.log_p < np.log(self.detection.level))
-
-    @property
-    def p_value(self) -> float:
-        """The smallest p-value, corrected for the number of candidates."""
-        return float(np.exp(max(min((s.log_p for s in self.suspects), default=0.0), -690.0)))
 
     @property
     def says(self) -> str:
@@ -148,10 +139,7 @@ def locate(
 def located(moments: Moments, detection: Detection, beside: Subset = ()) -> Location:
     """Localisation from moments: each term is scored jointly with the subset `beside`."""
     node = log_evidence(moments, beside).node
-    return Location(
-        detection, _observability(moments, node), _classes(moments, node), _suspects(moments, beside),
-        _columns(detection.fit),
-    )  # fmt: skip
+    return Location(detection, _observability(moments, node), _classes(moments, node), _suspects(moments, beside))
 
 
 def _named(moments: Moments) -> dict[str, int]:
@@ -223,23 +211,9 @@ def _suspects(moments: Moments, beside: Subset) -> tuple[Suspect, ...]:
         together = (*beside, (t, width))
         effects, values = linear_estimate(moments, together, log_evidence(moments, together))
         effect = effects[-1]
-        log_p, direction = min(0.0, correction - nats), direction_of(moments.fit.model.machine, effect, values)
         coordinate, campaign = ", ".join(effect.coordinates), moments.fit.model.campaign
-        found.append(Suspect(link, axis, coordinate, effect, nats, log_p, direction, campaign, values))
+        found.append(Suspect(link, axis, coordinate, effect, nats, min(0.0, correction - nats), campaign, values))
     return tuple(found)
-
-
-def _columns(fit: Identification) -> dict[str, float]:
-    problem = fit.problem()
-    sums: dict[tuple[str, str], Array] = {}
-    for key, _, white in problem.whitened_at(fit.values):
-        sums[key] = sums.get(key, np.zeros(white.shape[1])) + np.sum(white[:, :, -1] ** 2, axis=0)
-    squares: dict[str, list[float]] = {}
-    for run in fit.model.campaign.runs:
-        for instrument, part in problem.parts(run):
-            for column, power in zip(fit.model.columns(run)[part], sums[run.id, instrument] / run.rows, strict=True):
-                squares.setdefault(f"{instrument}: {column.name}", []).append(float(power))
-    return {name: float(np.mean(powers)) for name, powers in squares.items()}
 
 
 def observability_words(

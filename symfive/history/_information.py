@@ -25,7 +25,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from symfive.arrays import Array, Flags
+from symfive.arrays import Array
 from symfive.history._visit import Visit
 from symfive.machine import Structure
 
@@ -41,23 +41,16 @@ DETERMINED = 0.5
 
 @dataclass(frozen=True)
 class Information:
-    """What n visits say of k parameters in units of `scale` (k,): `information` (n, k, k), `score` (n, k), `seen` (n, k)
-    whether the visit's model had the parameter, `value` and `std` (n, k) in file units, NaN where it had not."""
+    """What n visits say of k parameters in units of `scale` (k,): `information` (n, k, k), `score` (n, k), `value` and
+    `std` (n, k) in file units, NaN where the visit's model had not the parameter."""
 
     names: tuple[str, ...]
     units: tuple[str, ...]
     scale: Array
     information: Array
     score: Array
-    seen: Flags
     value: Array
     std: Array
-
-    def estimate(self, which: slice | Sequence[int] = slice(None)) -> tuple[Array, Array]:
-        """Maximum a posteriori of a machine that did not change during these visits, and its covariance; scaled units."""
-        precision = self.information[which].sum(axis=0) + np.eye(len(self.names))
-        covariance = np.linalg.inv(precision)
-        return covariance @ self.score[which].sum(axis=0), covariance
 
 
 def information_of(visits: Sequence[Visit], names: Sequence[str] | None = None) -> Information:
@@ -97,7 +90,7 @@ def information_of(visits: Sequence[Visit], names: Sequence[str] | None = None) 
         score[np.ix_(at, where)] = data
         value[np.ix_(at, where)] = x * scale[where]
         std[np.ix_(at, where)] = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)) * scale[where]
-    return Information(wanted, tuple(units), scale, information, score, np.isfinite(value), value, std)
+    return Information(wanted, tuple(units), scale, information, score, value, std)
 
 
 def _inverse(covariance: Array) -> Array:

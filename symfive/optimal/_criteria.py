@@ -11,7 +11,7 @@ and one bound serves them all.
     V   log mean over the workspace of the variance of the tool centre point (also called I)
     G   log max over the workspace of it; smoothed by a p-mean
 
-Ds is D (or any other) for chosen parameters. For the smoothed ones `exact` gives the value that is meant.
+Ds is D (or any other) for chosen parameters.
 """
 
 from __future__ import annotations
@@ -46,10 +46,6 @@ class Criterion(Protocol):
         """ψ(S)."""
         ...
 
-    def exact(self, S: Array) -> float:
-        """ψ without smoothing."""
-        ...
-
     def slope(self, S: Array) -> Array:
         """dψ/dS (s, s), positive semidefinite."""
         ...
@@ -68,9 +64,6 @@ class Volume:
 
     def value(self, S: Array) -> float:
         return float(np.linalg.slogdet(S)[1]) / len(S)
-
-    def exact(self, S: Array) -> float:
-        return self.value(S)
 
     def slope(self, S: Array) -> Array:
         return np.asarray(np.linalg.inv(S) / len(S))
@@ -92,9 +85,6 @@ class Trace:
     def value(self, S: Array) -> float:
         return float(np.log(np.sum(self.weight * S)))
 
-    def exact(self, S: Array) -> float:
-        return self.value(S)
-
     def slope(self, S: Array) -> Array:
         return np.asarray(self.weight / np.sum(self.weight * S))
 
@@ -114,9 +104,6 @@ class Largest:
     def value(self, S: Array) -> float:
         values = np.linalg.eigvalsh(S)
         return float(np.log(values[-1]) + np.log(np.sum((values / values[-1]) ** self.power)) / self.power)
-
-    def exact(self, S: Array) -> float:
-        return float(np.log(np.linalg.eigvalsh(S)[-1]))
 
     def slope(self, S: Array) -> Array:
         values, vectors = np.linalg.eigh(S)
@@ -157,9 +144,6 @@ class Worst:
     def value(self, S: Array) -> float:
         u = self._variances(S)
         return float(np.log(u.max()) + np.log(np.mean((u / u.max()) ** self.power)) / self.power)
-
-    def exact(self, S: Array) -> float:
-        return float(np.log(self._variances(S).max()))
 
     def _shares(self, u: Array) -> Array:
         x = u / u.max()

@@ -108,13 +108,6 @@ class _State:
         inside = np.linalg.inv(np.eye(ny) + quadratic)
         return np.asarray(np.einsum("nab,nba->n", inside, pulled))
 
-    def change(self, entering: int | None, leaving: int | None) -> None:
-        if entering is not None:
-            self.information = self.information + self.whole[entering] @ self.whole[entering].T
-        if leaving is not None:
-            self.information = self.information - self.whole[leaving] @ self.whole[leaving].T
-        self.update()
-
 
 def _log_det_plus(forms: Array) -> Array:
     """log det(I + Q) of many small matrices."""

@@ -89,10 +89,6 @@ class Task:
         """ψ of an information matrix (size, size), or of the machine's alone (shared, shared)."""
         return self.criterion.value(self.of_interest(inverse(information)))
 
-    def exact(self, information: Array) -> float:
-        """ψ without smoothing."""
-        return self.criterion.exact(self.of_interest(inverse(information)))
-
     def pull(self, covariance: Array) -> Array:
         """G = C K ψ'(S) Kᵀ C: the row F changes ψ by -⟨G, F⟩ (size, size)."""
         columns = covariance[:, self.interest]

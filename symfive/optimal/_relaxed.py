@@ -40,11 +40,6 @@ class Relaxed:
     bound: float
     pull: Array
 
-    @property
-    def efficiency(self) -> float:
-        """exp(bound - value): 1 at the optimum."""
-        return float(np.exp(self.bound - self.value))
-
 
 def sensitivity(pull: Array, whole: Array) -> Array:
     """⟨G, F⟩ of rows in all columns (n, size, ny): (n,)."""

@@ -41,9 +41,8 @@ SENSES = {1: "CCW", -1: "CW"}
 
 @dataclass(frozen=True)
 class _Fitted:
-    """Deviations (N,) µm at angles (N,) rad about their least-squares centre: `left` (N,) and the design (N, 3) orthonormal."""
+    """Deviations (N,) µm about their least-squares centre: `left` (N,) and the design (N, 3) orthonormal."""
 
-    angle: Array
     left: Array
     basis: Array
     centre: Array
@@ -52,8 +51,7 @@ class _Fitted:
     def of(cls, angle: Array, deviation: Array) -> _Fitted:
         waves = np.stack([np.cos(angle), np.sin(angle), np.ones_like(angle)], axis=1)
         a, b, _ = np.linalg.lstsq(waves, deviation, rcond=None)[0]
-        return cls(angle, deviation - a * waves[:, 0] - b * waves[:, 1], np.linalg.qr(waves)[0],
-                   np.array([a, b]))  # fmt: skip
+        return cls(deviation - a * waves[:, 0] - b * waves[:, 1], np.linalg.qr(waves)[0], np.array([a, b]))
 
     @property
     def range(self) -> float:
