@@ -180,18 +180,12 @@ def export(index: Path, output: Path, quiet: bool) -> None:
 @cli.text("--manufacturer", help="Of the machine.")
 @click.option("--place", default="customer", help="laboratory, customer, laboratoryBranch, customerBranch or other.")
 @cli.quiet
-def certificate(
-    results: Path, output: Path, date: str | None, laboratory: str, laboratory_city: str, person: str, customer: str,
-    customer_city: str, country: str, number: str, manufacturer: str, place: str, quiet: bool,
-) -> None:  # fmt: skip
+def certificate(results: Path, output: Path, date: str | None, quiet: bool, **entries: str) -> None:
     """A digital calibration certificate (PTB's DCC) of one result, unsigned; missing entries are marked."""
     from symfive.history import Details, Office, instant, taken
     from symfive.history import certificate as certificate_of
 
-    office = Office(
-        laboratory=laboratory, laboratory_city=laboratory_city, person=person, customer=customer, country=country,
-        customer_city=customer_city, number=number, manufacturer=manufacturer, place=place,
-    )  # fmt: skip
+    office = Office(**entries)
     with output_file(output) as path:
         visit = taken(results, Details(time=None if date is None else instant(date)))
         write_bytes(path, certificate_of(visit, office))

@@ -155,7 +155,7 @@ def _paths(space: Space, setups: Array, lengths: Array) -> Iterator[tuple[Array,
         frame = np.stack([nominal.seen_from_workpiece(held, row)[0] for row in np.eye(3)])
         for setup, length in zip(setups, lengths, strict=True):
             for plane in PLANES.values():
-                yield _path(space, np.tile(angles, (ROWS, 1)), around @ frame[list(plane)], setup, length)
+                yield _path(np.tile(angles, (ROWS, 1)), around @ frame[list(plane)], setup, length)
     try:
         circle = circle_frame(machine)
     except InputError:
@@ -169,10 +169,10 @@ def _paths(space: Space, setups: Array, lengths: Array) -> Iterator[tuple[Array,
             theta = np.zeros((ROWS, len(rotary)))
             theta[:, rotary.index(circle.rotary)] = np.angle(np.exp(1j * polar_angle(phi, x_t, length)))
             setup = np.array([*space.polar(place[0], place[1]), place[2] / UNIT_MM, tool])
-            yield _path(space, theta, around @ np.stack([circle.u, circle.v]), setup, np.array([length]))
+            yield _path(theta, around @ np.stack([circle.u, circle.v]), setup, np.array([length]))
 
 
-def _path(space: Space, rotary: Array, bar: Array, setup: Array, length: Array) -> tuple[Array, Array]:
+def _path(rotary: Array, bar: Array, setup: Array, length: Array) -> tuple[Array, Array]:
     """Rotary axes (n, R) rad and unit vectors of the bar (n, 3), workpiece frame, in the variables of the space."""
     z = np.concatenate([rotary, angles_of(bar), np.tile(setup, (len(bar), 1))], axis=1)
     return z, np.tile(length, (len(bar), 1))

@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from symfive.runs import Run
 
 FIVE_TOUCHES = ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, -1.0, 0.0))
-FRAMES = ("tool", "machine")
 LEAST_TOUCHES = 5
 """The centre has three unknowns, the effective radius is a fourth; the fifth touch checks them."""
 

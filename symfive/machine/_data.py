@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 from symfive.errors import InputError, inside
@@ -50,20 +50,8 @@ class Workspace:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "extra", freeze(self.extra))
-        names = (
-            "table_radius",
-            "bar_stroke",
-            "sensor_range",
-            "seconds_per_pose",
-            "post_radius",
-            "tool_radius",
-            "bar_radius",
-            "clearance",
-            "sphere_radius",
-            "tip_radius",
-            "nest_opening",
-        )
-        positive("workspace", **{name: getattr(self, name) for name in names})
+        sizes = [f.name for f in fields(self) if f.type in ("float", "float | None")]
+        positive("workspace", **{name: getattr(self, name) for name in sizes})
         radii = {"sphere_radius": self.sphere_radius, "tip_radius": self.tip_radius}
         at_most("workspace", ARTEFACT_MM, "mm", "no sphere or tip of a touch probe is larger", **radii)
         if self.nest_opening is not None:

@@ -89,7 +89,7 @@ def polar_trace(source: Identification | Campaign, runs: str | Iterable[str] | N
         if both:
             _panel(panels[1], group, after, after=True)
         _heading(figure, group, left, bottom + side)
-        _legend(figure, panels[0], group, left, bottom)
+        _legend(figure, panels[0], left, bottom)
     figure.suptitle(
         f"Circular tests: radial deviation{', as read and after the fit' if both else ''}", x=0.01, ha="left"
     )
@@ -143,7 +143,7 @@ def _heading(figure: Figure, group: Sequence[_Deviation], left: float, top: floa
     figure.text((left + 0.05) / width, (top + 0.36) / height, words, fontsize=9, fontweight="bold")
 
 
-def _legend(figure: Figure, axes: Axes, group: Sequence[_Deviation], left: float, bottom: float) -> None:
+def _legend(figure: Figure, axes: Axes, left: float, bottom: float) -> None:
     width, height = figure.get_size_inches()
     handles, labels = axes.get_legend_handles_labels()
     place = ((left + 0.05) / width, (bottom + 0.02) / height)

@@ -304,20 +304,8 @@ class Run(OnScreen):
 
     def repeated_by(self, other: Run) -> bool:
         """Whether the other run was made in the same way: the readings differ by noise and by what changes in time."""
-        alike = (
-            "instrument",
-            "sampling",
-            "clock",
-            "table_ball",
-            "tool_ball",
-            "length",
-            "u",
-            "v",
-            "noise_um",
-            "rows",
-            "options",
-        )
-        if any(getattr(self, name) != getattr(other, name) for name in alike):
+        alike = "instrument sampling clock table_ball tool_ball length u v noise_um rows options"
+        if any(getattr(self, name) != getattr(other, name) for name in alike.split()):
             return False
         if self.has_clock and not np.allclose(
             self.time - self.time[0], other.time - other.time[0], rtol=1e-6, atol=1e-6
