@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from lean import without_drives
 
 from symfive.campaign import Campaign
 from symfive.diagnose import diagnose
@@ -17,8 +18,7 @@ NOISE_UM = 0.3
 
 def circles(too_long_um: float) -> Campaign:
     """Circles in XY and ZX of a machine without any error, axes without drives."""
-    machine = preset("three-axis")
-    machine = replace(machine, axes={name: replace(axis, drive=None) for name, axis in machine.axes.items()})
+    machine = without_drives(preset("three-axis"))
     plans = [planar_circle(machine, plane=plane, direction="ccw", feed=2000.0, rate_hz=8.0) for plane in ("XY", "ZX")]
     plan, rng = campaign_of(machine, [run for runs in plans for run in runs]), np.random.default_rng(3)
     runs = [

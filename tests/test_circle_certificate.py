@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from lean import varying
 
 from symfive.design import Circle, CircleShape, plan_circles
 from symfive.design._circles import Goal  # as above
@@ -18,7 +19,7 @@ from symfive.machine import preset
 from symfive.optimal import criterion_of
 
 MACHINE = preset("tsutsumi-2007")
-LEAN = replace(MACHINE, errors={n: MACHINE.errors[n] for n in ("EC0Y", "EX0C", "EY0C")}, text="")
+LEAN = varying(MACHINE, "EC0Y", "EX0C", "EY0C")
 EFFECTS = [make_effect("servo_mismatch", "C", gains=("position_gain",)), make_effect("backlash", "C")]
 INTEREST, NUISANCE = 3, 2
 DRAWS, COUNT, TAKEN = 3, 9, 4

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import plant
 import pytest
+from lean import without_drives
 from test_outliers import NOISE_UM, campaign, positioning
 from test_real_recordings import recordings
 
@@ -311,10 +312,7 @@ def test_slopes_in_the_clock_are_exact_but_where_an_axis_turns() -> None:
 def test_a_signal_knows_its_slope_in_the_delay(signal: Signal, what: str, driven: bool) -> None:
     """Against the difference of the signal at two delays or drifts, but for rows about which a direction changes in between."""
     plan = late_circles(20.0)
-    machine = plan.machine
-    if not driven:
-        axes = {name: replace(axis, drive=None) for name, axis in machine.axes.items()}
-        machine = replace(machine, axes=axes)
+    machine = plan.machine if driven else without_drives(plan.machine)
     motion = RunMotion(plan.runs[0], machine, {}, {"width": 30.0, "distance": 20.0})
     run, step = plan.runs[0], 1e-3 * plan.runs[0].interval
     late = Late(4e-3, 2e-3, run.start_s + run.time[0], run.duration, ("delay",), ("drift",))
@@ -359,7 +357,7 @@ def test_a_polar_export_may_stretch_its_angles() -> None:
 def test_a_polar_export_does_not_know_the_lag_of_drives_that_are_not_stated() -> None:
     """The angle is that of the bar, which is where the axes are: 20 to 50 ms after their command, however fast they go."""
     machine = preset("three-axis")
-    bare = replace(machine, axes={name: replace(axis, drive=None) for name, axis in machine.axes.items()})
+    bare = without_drives(machine)
     angle, options = np.arange(0.0, 360.0, 1.0), {"centre": (0.0, 0.0, 80.0), "radius": 100.0}
     slow, fast = (
         polar_run(bare, angle, np.zeros(360), feed=feed, **options).clock_sigma_ms for feed in (2000.0, 20000.0)

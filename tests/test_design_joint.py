@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from lean import location_only
+from lean import location_only, varying
 
 from symfive.campaign import Campaign, read_campaign
 from symfive.cli import main
@@ -27,7 +27,7 @@ from tests.plan_checker import check
 POSES, SHARED, OWN, PACE, SETUP = 3, 3, 2, 25.0, 300.0
 MINUTES = 12.0
 TSUTSUMI = preset("tsutsumi-2007")
-LEAN = replace(TSUTSUMI, errors={n: TSUTSUMI.errors[n] for n in ("EC0Y", "EX0C", "EY0C", "EA0C")}, text="")
+LEAN = varying(TSUTSUMI, "EC0Y", "EX0C", "EY0C", "EA0C")
 
 
 def _mountings(seed: int, places: int) -> list[Mounting]:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from lean import varying
 
 from symfive.campaign import SetupSigma
 from symfive.cli import main
@@ -89,7 +90,7 @@ def test_a_measured_tool_lifts_the_limit() -> None:
 @pytest.mark.slow
 def test_the_option(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder, whole = tmp_path / "plan", preset("tsutsumi-2007")
-    few = replace(whole, errors={n: whole.errors[n] for n in ("EXX", "EA0C")}, text="")
+    few = varying(whole, "EXX", "EA0C")
     write_machine(few, tmp_path / "machine.toml")
     quick = ["--points", "8", "--starts", "1", "--no-proof", "-q", "-o", str(folder)]
     assert (

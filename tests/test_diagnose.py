@@ -10,6 +10,7 @@ import numpy as np
 import plant
 import pytest
 from concealed_world import grid_runs, names_of, read_by_the_plant
+from lean import without_drives
 
 from symfive.campaign import Campaign, Run, read_campaign
 from symfive.diagnose import Diagnosis, Fit, amend, cross_validated, diagnose, place_words
@@ -262,8 +263,7 @@ def test_of_a_single_run_no_feed_and_no_place_can_be_left_out():
 @pytest.mark.slow
 def test_a_curve_of_the_drives_force_is_found_beside_friction_that_keeps_its_values():
     """The library knows two levels of friction; what bends over the speed is named as unknown, over the speed, in the drive."""
-    plain = preset("three-axis")
-    machine = replace(plain, axes={name: replace(axis, drive=None) for name, axis in plain.axes.items()})
+    machine = without_drives(preset("three-axis"))
     time = np.arange(2400) * 0.01
     way = 40.0 * np.sin(1.3 * time) * (1.0 + np.sin(0.31 * time))
     speed = np.gradient(way, time)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from lean import without_drives
 
 from symfive.campaign import Campaign, Run, read_campaign
 from symfive.design import assess
@@ -279,7 +280,7 @@ def test_the_noise_of_micrometres_is_not_averaged_with_that_of_newtons():
         id="force", instrument=("drive_force",), sampling="dynamic", noise_um=20.0, **common,
         readings={"X_force_N": rng.normal(0.0, 20.0, 600)},
     )  # fmt: skip
-    machine = replace(plain, axes={name: replace(axis, drive=None) for name, axis in plain.axes.items()})
+    machine = without_drives(plain)
     both = identify(Campaign(machine=machine, runs=(laser, drive)))
     assert both.unit == "µm" and both.white_noise == pytest.approx(0.3, rel=0.1)
     alone = identify(Campaign(machine=machine, runs=(drive,)))

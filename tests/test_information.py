@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
+from lean import varying
 
 from symfive.campaign import Campaign
 from symfive.design import Information, circle_information, expected_information
@@ -16,7 +15,7 @@ from symfive.model import Model
 from symfive.procedures import campaign_of
 
 MACHINE = preset("tsutsumi-2007")
-LEAN = replace(MACHINE, errors={n: MACHINE.errors[n] for n in ("EC0Y", "EX0C", "EY0C")}, text="")
+LEAN = varying(MACHINE, "EC0Y", "EX0C", "EY0C")
 PLAY = "backlash.C.width"
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from lean import location_only
+from lean import location_only, varying
 
 from symfive.campaign import read_campaign
 from symfive.cli import main
@@ -208,9 +208,7 @@ def test_the_command_line_says_what_to_change(
 @pytest.mark.slow
 def test_circles_on_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     whole = preset("tsutsumi-2007")
-    write_machine(
-        replace(whole, errors={n: whole.errors[n] for n in ("EX0C", "EY0C")}, text=""), tmp_path / "machine.toml"
-    )
+    write_machine(varying(whole, "EX0C", "EY0C"), tmp_path / "machine.toml")
     words = ["plan", str(tmp_path / "machine.toml"), "-o", str(tmp_path / "plan"), "--nc", "linuxcnc", "--no-proof"]
     assert main([*words, "--circles", "planar", "--effect", "backlash:X", "--count", "1", "--bar", "50", "-q"]) == 0
     assert "backlash.X.width" in capsys.readouterr().out
