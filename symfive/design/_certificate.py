@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from symfive.arrays import Array
+from symfive.design._assessment_data import down
 from symfive.design._candidates import rows_of, value_of
 from symfive.design._proof import bounded_sensitivity
 from symfive.design._search import COARSE, FEW, MANY, Search
@@ -81,16 +82,11 @@ class Certificate:
     @property
     def says(self) -> str:
         """The certificate in one sentence."""
-        text = f"≥ {_down(self.efficiency)} of the best any plan with {self.points} poses in these set-ups can do"
+        text = f"≥ {down(self.efficiency)} of the best any plan with {self.points} poses in these set-ups can do"
         text += " (proved)" if self.proved else " (searched, not proved)"
         if self.anywhere is not None:
-            text += f", and ≥ {_down(self.anywhere)} of the best with any set-ups in the workspace (searched on a grid of them)"
+            text += f", and ≥ {down(self.anywhere)} of the best with any set-ups in the workspace (searched on a grid of them)"
         return text
-
-
-def _down(share: float) -> str:
-    """Three digits, rounded down."""
-    return f"{math.floor(share * 1e3) / 1e3:.3f}"
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from symfive.arrays import Array
-from symfive.design._assessment_data import six_digits
+from symfive.design._assessment_data import down, six_digits
 from symfive.design._circles import Circle, Goal, measured
 from symfive.design._optimal_weights import GAP, relaxed_bound
 from symfive.design._paths import FAMILIES, CircleShape
@@ -47,11 +47,11 @@ class CircleCertificate:
     @property
     def says(self) -> str:
         """The certificate in one sentence."""
-        share = math.floor(self.efficiency * 1e3) / 1e3
+        share = down(self.efficiency)
         low, high = self.feeds
         cost = "in the same recording time" if self.per_minute else "in as many runs"
         return (
-            f"efficiency ≥ {share:.3f} {cost} over {self.candidates} candidate circles of these radii and planes, feeds "
+            f"efficiency ≥ {share} {cost} over {self.candidates} candidate circles of these radii and planes, feeds "
             f"{low:g} to {high:g} mm/min (searched over a dense set, not proved)"
         )
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from symfive.campaign import Campaign, SetupSigma
 from symfive.design._assess import Assessment, assess
-from symfive.design._assessment_data import six_digits
+from symfive.design._assessment_data import down, six_digits
 from symfive.design._minutes import Mixes
 from symfive.design._mountings import BAR, Mounting, mounting_of, mountings_of, with_circles
 from symfive.design._plan import Plan
@@ -46,10 +46,10 @@ class JointCertificate:
     @property
     def says(self) -> str:
         """The certificate in one sentence."""
-        share, most = math.floor(self.efficiency * 1e3) / 1e3, math.ceil(self.gain * 1e3) / 1e3
+        share, most = down(self.efficiency), math.ceil(self.gain * 1e3) / 1e3
         names = ", ".join(WORDS[name] for name in self.instruments)
         return (
-            f"efficiency ≥ {share:.3f} in {self.minutes:.3g} min with at most {plural(self.mountings, 'mounting')}, set-up "
+            f"efficiency ≥ {share} in {self.minutes:.3g} min with at most {plural(self.mountings, 'mounting')}, set-up "
             f"included, over {self.candidates} candidate poses and circles with {names}; together at most {most:.3f} × lower "
             "variance than the best one of them (searched over a dense set, not proved)"
         )

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from symfive.arrays import Array, Flags
-from symfive.design._assessment_data import six_digits
+from symfive.design._assessment_data import down, six_digits
 from symfive.design._candidates import best_setups, pose_grid
 from symfive.design._circles import Goal
 from symfive.design._optimal_weights import Offered, optimal_weights, relaxed_bound
@@ -197,11 +197,11 @@ class SweepCertificate:
     @property
     def says(self) -> str:
         """The certificate in one sentence."""
-        share = math.floor(self.efficiency * 1e3) / 1e3
+        share = down(self.efficiency)
         speeds = ", ".join(f"{speed:g}" for speed in self.speeds)
         where = "this mounting" if self.mountings == 1 else f"these {self.mountings} mountings"
         return (
-            f"efficiency ≥ {share:.3f} in the same recording time over {self.candidates} candidate sweeps in {where} at "
+            f"efficiency ≥ {share} in the same recording time over {self.candidates} candidate sweeps in {where} at "
             f"{speeds} °/s (searched over a dense set, not proved)"
         )
 
