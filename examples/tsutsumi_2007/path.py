@@ -33,11 +33,6 @@ class Circle:
         """dφ/dt = F/(60 r), rad/s, signed."""
         return self.direction * self.feed / (60.0 * self.radius)
 
-    @property
-    def lap_s(self) -> float:
-        """Time of one turn, s."""
-        return 2.0 * np.pi / abs(self.phi_rate)
-
     def theta(self, phi: ArrayLike) -> Array:
         """θ of (3), unwrapped, rad: over one turn it grows by 2π for X_T < r, by π for X_T = r, by nothing for X_T > r."""
         phi = np.asarray(phi, dtype=float)

@@ -57,7 +57,6 @@ SIZES = np.array([1.0] * 3 + [1e-3 * LEVER_MM] * 3)
 """µm at the ball per µm and per µrad, in the order of COMBINED."""
 UNITS_MM = np.array([1.0] * 3 + [1.0 / LEVER_MM] * 3)
 """Displacements of 1 mm, and turns that displace by 1 mm at LEVER_MM (rad)."""
-GRID_DEG = np.arange(-90.0, 91.0, 5.0)
 
 
 def machine_with_b(*, rotary: bool = False) -> Machine:
