@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from lean import location_only
 
-from symfive.campaign import Campaign, read_campaign
+from symfive.campaign import Campaign, Run, read_campaign
 from symfive.design import APART, Discrimination, Separation, discriminate, in_addition, in_common, write_test
 from symfive.design._discriminate import _Explained  # a rival that levels off, as no model does
 from symfive.effects import make_effect
@@ -42,7 +42,9 @@ def test_a_rival_whose_steps_lead_beyond_the_readings_is_judged_by_the_best_of_t
         prior_sigma=np.full(1, 1e200), prior_mean=np.zeros(1), start=np.full(1, 3.0), parameters=[bounds],
         linearise=linearise, noise=lambda run: np.ones(1),
     )  # fmt: skip
-    assert _Explained(readings, np.zeros(1), rival, {}).left(["run"]) == pytest.approx((100.0 * np.tanh(3.0)) ** 2)
+    assert _Explained(readings, np.zeros(1), rival, rival.start, {}).left(["run"]) == pytest.approx(
+        (100.0 * np.tanh(3.0)) ** 2
+    )
 
 
 def test_discrimination_finds_the_test_that_an_expert_would_take() -> None:
@@ -62,6 +64,30 @@ def test_discrimination_finds_the_test_that_an_expert_would_take() -> None:
     assert averaged.test.runs == there and "separates" in averaged.says
     with pytest.raises(InputError, match="there is no test to choose from"):
         discriminate(bow, quadratic, [])
+
+
+def test_a_repeat_separates_no_two_causes_beside_a_growth_that_both_know() -> None:
+    """Play of X and a tilt at its reversals are alike on one line. A fit of the growth of the screw from nothing ends in 4 steps
+    far from it: "the repeat separates them by 149σ"."""
+    targets = np.linspace(-350.0, 350.0, 11)
+    way = np.tile(np.concatenate([targets, targets[::-1] - 1e-6]), 5)
+    laser = Run(
+        id="laser", instrument=("laser",), sampling="static", time=6.0 * np.arange(way.size), tool_ball=(0.0, 0.0, -150.0),
+        commands={"X": way, "Y": 0.0 * way, "Z": 0.0 * way + 200.0}, options={"axis": "X"},
+    )  # fmt: skip
+    higher = replace(laser, id="higher", commands=laser.commands | {"Z": 0.0 * way + 300.0})
+    warm = make_effect("axis_growth", "X")
+    known = {
+        f"axis_growth.X.{name}": size for name, size in (("growth", 25.0), ("held", -400.0), ("time_constant_s", 317.0))
+    }
+    given = Campaign(machine=preset("three-axis"), runs=(laser,))
+    play, tilt = (
+        Model(given, [warm, effect])
+        for effect in (make_effect("backlash", "X"), make_effect("lateral_play", "X", component="EBX"))
+    )
+    found = discriminate(play, tilt, [replace(laser, id="repeat"), higher], values_a=known, values_b=known)
+    assert found.table[0].name == "higher" and found.useful
+    assert found.before < APART and found.table[1].sigmas < APART
 
 
 def test_a_rival_that_only_the_priors_make_improbable_spoils_no_test_against_the_others():

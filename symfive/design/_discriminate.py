@@ -113,8 +113,8 @@ def discriminate(
     every = Campaign(machine=machine, runs=(*own, *(run for test in named for run in test)))
     a, b = Model(every, model_a.added), Model(every, model_b.added)
     started: tuple[_Lines, _Lines] = ({}, {})
-    ab = [_Explained(a, truth, b, started[1]) for truth in _truths(a, values_a, draws, seed)]
-    ba = [_Explained(b, truth, a, started[0]) for truth in _truths(b, values_b, draws, seed)]
+    ab = [_Explained(a, truth, b, _begin(b, values_b), started[1]) for truth in _truths(a, values_a, draws, seed)]
+    ba = [_Explained(b, truth, a, _begin(a, values_a), started[0]) for truth in _truths(b, values_b, draws, seed)]
     ids = [run.id for run in own]
     before = _separation("measured", ab, ba, ids, 0.0).sigmas if own else 0.0
     table = []
@@ -208,6 +208,15 @@ def _truths(model: Model, values: Mapping[str, float] | None, draws: int, seed: 
     return [with_drawn_effects(model, vector, generator) for _ in range(draws)]
 
 
+def _begin(model: Model, values: Mapping[str, float] | None) -> Array:
+    """Where estimation of a rival begins: at what is known of it. From elsewhere a few steps do not lead to its best fit."""
+    vector = np.array(model.start)
+    for name, value in (values or {}).items():
+        if name in model.index:
+            vector[model.index[name]] = value
+    return vector
+
+
 def _separation(
     name: str, ab: Sequence[_Explained], ba: Sequence[_Explained], ids: Sequence[str], minutes: float
 ) -> Separation:
@@ -217,14 +226,14 @@ def _separation(
 
 class _Explained:
     """A true model's readings and the rival that has to explain them; `started` holds the rival's linearisations where its
-    estimation begins, which are the same for all tests."""
+    estimation begins (`begin`), which are the same for all tests."""
 
-    def __init__(self, true: Model, truth: Array, rival: Model, started: _Lines) -> None:
+    def __init__(self, true: Model, truth: Array, rival: Model, begin: Array, started: _Lines) -> None:
         runs = true.campaign.runs
         _, self._wanted = halved(
             lambda at: {run.id: true.predict_run(run, at) / true.noise(run) for run in runs}, truth, true.start
         )
-        self._rival, self._started = rival, started
+        self._rival, self._begin, self._started = rival, begin, started
         self._departure = float(np.sum(((truth - true.prior_mean) / true.prior_sigma) ** 2))
 
     def _lines(self, ids: Sequence[str], values: Array, *, first: bool) -> _Lines:
@@ -235,7 +244,7 @@ class _Explained:
 
     def left(self, ids: Sequence[str]) -> float:
         """T: what the rival cannot explain of the readings of some runs (Gauss–Newton with the priors), at least nothing."""
-        rival, values, best = self._rival, self._rival.start, math.inf
+        rival, values, best = self._rival, self._begin, math.inf
         precision = rival.prior_sigma**-2.0
         lower, upper = (np.array([getattr(p, side) for p in rival.parameters]) for side in ("lower", "upper"))
         for number in range(ITERATIONS):
