@@ -149,6 +149,11 @@ def test_joining_keeps_runs_apart():
     campaign = campaign_of(machine, planar_circle(machine, radius=50.0))
     joined = campaign.joined(campaign, prefix="second-")
     assert [run.id for run in joined.runs] == ["xy-ccw", "xy-cw", "second-xy-ccw", "second-xy-cw"]
+    ends = [run.start_s + run.duration for run in joined.runs]
+    assert all(run.start_s >= end for run, end in zip(joined.runs[1:], ends, strict=False)), "one test at a time"
+    assert campaign.joined(joined.select("second-xy-cw")).runs[-1].start_s == joined.runs[-1].start_s, (
+        "a time that was stated"
+    )
     with pytest.raises(InputError, match="xy-ccw"):
         campaign.joined(campaign)
     with pytest.raises(InputError, match="one machine"):

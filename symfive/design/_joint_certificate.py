@@ -175,10 +175,8 @@ def merged(campaigns: Sequence[Campaign]) -> Campaign:
     theirs."""
     whole = campaigns[0]
     for number, campaign in enumerate(campaigns[1:], start=2):
-        end = max(run.start_s + run.duration for run in whole.runs)
-        later = replace(campaign, runs=tuple(replace(run, start_s=end + run.start_s) for run in campaign.runs))
-        taken = {run.id for run in whole.runs} & {run.id for run in later.runs}
-        whole = whole.joined(later, prefix=f"{number}-" if taken else "")
+        taken = {run.id for run in whole.runs} & {run.id for run in campaign.runs}
+        whole = whole.joined(campaign, prefix=f"{number}-" if taken else "")
     return whole
 
 

@@ -143,15 +143,20 @@ class Campaign(OnScreen):
 
     def joined(self, other: Campaign, prefix: str = "") -> Campaign:
         """This campaign and another one on the same machine; `prefix` keeps the ids and mountings of the second
-        apart."""
+        apart. Where their clocks overlap the second begins at the end of the first: a machine makes one test at a time."""
         if other.machine.structure != self.machine.structure:
             raise InputError(
                 f'the campaigns are of machines "{self.machine.structure.code}" and "{other.machine.structure.code}"',
                 remedy="join campaigns of one machine only",
             )
+        (begin, end), (first, last) = (
+            (min(run.start_s for run in runs), max(run.start_s + run.duration for run in runs))
+            for runs in (self.runs, other.runs)
+        )
+        later = end - first if first < end and begin < last else 0.0
         runs = tuple(
             replace(
-                run, id=prefix + run.id, file=f"{prefix}{run.file}",
+                run, id=prefix + run.id, file=f"{prefix}{run.file}", start_s=run.start_s + later,
                 mounting={quantity: prefix + name for quantity, name in run.mounting.items()},
             )
             for run in other.runs
