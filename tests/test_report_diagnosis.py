@@ -146,11 +146,18 @@ def test_what_is_printed_is_verdict_findings_and_next_step(found):
     assert text.index("Gravity sag of axis B") < text.index("Thermal drift"), "the largest share first"
     for finding in found.findings:
         assert all(" ".join(answer.split()) in said for answer in facts_of(finding, found.after).values())
-    assert "model.json" in closing(found)
     worse = replace(found, fit=replace(found.fit, heldout_rms_after_um=1.9))
     assert "1.67 → 1.9 µm rms" in " ".join(str(worse).split())
     clean = diagnosis_text(replace(found, findings=(), fit=replace(found.fit, chi2_dof_after=1.0)))
     assert "Gravity sag" not in clean and "No fault found" in clean
+
+
+def test_causes_that_no_test_separates_are_not_sent_to_the_control(found):
+    """Generated code corrects what depends on positions; a drift, of the structure or the table, it leaves."""
+    drift, sag = sorted(found.findings, key=lambda finding: finding.name == "gravity_sag")
+    assert sag.alias and "symfive codegen model.json" in closing(replace(found, findings=(sag,)))
+    step = closing(replace(found, findings=(sag, replace(drift, alias=("table_growth",))))).partition("Next: ")[2]
+    assert "codegen" not in step and "repeat this test" in step
 
 
 def test_a_residual_above_the_noise_asks_for_a_repeat_that_there_is_not_yet(found):

@@ -32,8 +32,11 @@ def _next_step(diagnosis: Diagnosis) -> str:
         return "check the set-up as said above before you enter a correction"
     if diagnosis.unnamed:
         return "repeat the runs at another position or feed; these readings do not show the cause"
-    if any(finding.alias for finding in diagnosis.findings):
-        return "symfive codegen model.json: its correction holds for every cause that this test does not separate"
+    if alike := [finding for finding in diagnosis.findings if finding.alias]:
+        positions = set(diagnosis.after.model.machine.axes)  # all that generated code depends on
+        if all(positions.issuperset(finding.effect.coordinates) for finding in alike):
+            return "symfive codegen model.json: its correction holds for every cause that this test does not separate"
+        return "no further test here separates the causes: mend the one that is easiest to check, then repeat this test"
     if diagnosis.doubts:
         return "record further runs and diagnose all together (--with) before you act on these findings"
     if diagnosis.findings and diagnosis.hold_out is not None:
