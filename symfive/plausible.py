@@ -32,16 +32,19 @@ def doubts(campaign: Campaign) -> tuple[str, ...]:
     return (*_small_priors(campaign), *(said for run in _begun(campaign) for said in _of_run(campaign.machine, run)))
 
 
-def unreadable(campaign: Campaign) -> str | None:
-    """What no instrument can have read, in words: a row at which, by the file's balls and commands, it would be two strokes off,
-    from one end of its range beyond the other wherever its zero lies."""
+def unreadable(campaign: Campaign) -> tuple[str, str] | None:
+    """What no instrument can have read, and the remedy: a row at which, by the file's balls and commands, it would be two strokes
+    off, from one end of its range beyond the other wherever its zero lies; on a grid plate another path."""
     machine = campaign.machine
     for run in _begun(campaign):
         instrument = _with_stroke(run)
         if run.measured and instrument is not None:
             away, stroke = _away(machine, run, instrument), _stroke(machine, instrument)
             if 1e-3 * float(np.max(np.abs(away))) > 2.0 * stroke:
-                return _beyond(run, instrument, away, stroke)
+                remedy = "no machine does that; or give the true stroke under [workspace] in the machine file"
+                return _beyond(run, instrument, away, stroke), remedy
+        if said := _another_path(machine, run):
+            return said
     return None
 
 
@@ -75,6 +78,20 @@ def _beyond(run: Run, instrument: str, away: Array, stroke: float) -> str:
     )
 
 
+def _another_path(machine: Machine, run: Run) -> tuple[str, str] | None:
+    """Positions on a grid plate that are further from the commanded path than from their own mean."""
+    if "grid_encoder" not in run.instrument or not run.measured:
+        return None
+    read = np.stack([run.readings[name] for name in ("du_um", "dv_um")], axis=1)
+    path = 1e3 * designed_ball(machine, run.commands, run.tool_ball) @ np.stack([run.u or (), run.v or ()], axis=1)
+    scatter, moved, off = (float(np.std(a - a.mean(axis=0))) for a in (read, path, read - path))
+    if off <= scatter or not moved:
+        return None
+    sizes = f"vary by {plain_number(1e-3 * scatter)} mm (1σ), the commanded path by {plain_number(1e-3 * moved)} mm"
+    remedy = "give positions on the plate along u and v (of deviations: add the path), and check units, signs and order"
+    return f"run {run.id}: du and dv do not follow the path: they {sizes}", remedy
+
+
 def _small_priors(campaign: Campaign) -> Iterator[str]:
     noise = min(run.noise(name) for run in campaign.runs for name in run.instrument)
     for term in campaign.machine.errors.values():
@@ -89,6 +106,8 @@ def _of_run(machine: Machine, run: Run) -> Iterator[str]:
         if axis.max_feed is not None and speed > SLIP * axis.max_feed:
             sizes = f"{plain_number(speed)} {axis.unit}/min where its max_feed is {plain_number(axis.max_feed)}"
             yield f"run {run.id}: {name} is commanded at up to {sizes}; check t_s and the units of {name}"
+    if said := _another_path(machine, run):
+        yield "; ".join(said)
     instrument = _with_stroke(run)
     if instrument is not None:
         yield from _beside_the_table(machine, run)

@@ -12,7 +12,8 @@ from symfive.diagnose import diagnose
 from symfive.errors import InputError
 from symfive.machine import designed_ball, preset, presets
 from symfive.plausible import doubts, unreadable
-from symfive.procedures import Nominal
+from symfive.procedures import Nominal, campaign_of, planar_circle
+from symfive.simulate import simulate
 
 CAMPAIGNS = Path(__file__).parent / "data" / "campaigns"
 
@@ -63,7 +64,7 @@ def test_what_no_instrument_can_have_read_is_not_diagnosed(bar):
     wrong = run.commands[axis].copy()
     wrong[7] = wrong[7] + (40.0 if wrong[7] < 0.0 else -40.0)
     spoilt = replace(bar, runs=(replace(run, commands={**run.commands, axis: wrong}), *bar.runs[1:]))
-    assert unreadable(bar) is None and "at row 8 (stroke" in (unreadable(spoilt) or "")
+    assert unreadable(bar) is None and "at row 8 (stroke" in (unreadable(spoilt) or "")[0]
     with pytest.raises(InputError, match=r"at row 8 .* \[workspace\]"):
         diagnose(spoilt)
     x, y, z = run.table_ball
@@ -95,3 +96,19 @@ def test_a_prior_in_mm(bar):
     machine = replace(bar.machine, errors={**bar.machine.errors, name: replace(term, sigma=term.sigma / 1e4)})
     (said,) = doubts(replace(bar, machine=machine))
     assert said.startswith(f"{name}: the prior 1σ") and "not mm" in said
+
+
+def test_a_grid_encoder_reads_positions():
+    """Deviations from the path, mm, and the wrong sign; a circle at a standstill is none."""
+    machine = preset("three-axis")
+    plan = campaign_of(machine, planar_circle(machine, instrument="grid_encoder", direction="ccw", radius=60.0))
+    circle = simulate(plan, seed=1).campaign.runs[0]
+    assert not any("path" in said for said in doubts(replace(plan, runs=(circle,))))
+    path = 1e3 * designed_ball(machine, circle.commands, circle.tool_ball)
+    for factor, less in ((1.0, 1.0), (1e-3, 0.0), (-1.0, 0.0)):
+        wrong = {
+            name: factor * (circle.readings[name] - less * path[:, i]) for i, name in enumerate(("du_um", "dv_um"))
+        }
+        campaign = replace(plan, runs=(circle.with_readings(wrong),))
+        problem, remedy = unreadable(campaign)
+        assert "do not follow the path" in problem and f"{problem}; {remedy}" in doubts(campaign)

@@ -51,11 +51,8 @@ def diagnose(
     `verdicts_on` of `symfive.posterior`; `withdraw`, `findings_of`, `cross_validated`, `held_out`.
     """
     whole = campaign = campaign_given(campaign)
-    said = unreadable(campaign)
-    if said is not None:
-        raise InputError(
-            said, remedy="no machine does that; or give the true stroke under [workspace] in the machine file"
-        )
+    if said := unreadable(campaign):
+        raise InputError(said[0], remedy=said[1])
     split = None
     if hold_out is not None:
         whole, split = parted(campaign, hold_out)
