@@ -16,7 +16,17 @@ from symfive.cli import main
 from symfive.diagnose import diagnose
 from symfive.errors import InputError
 from symfive.identify import identify
-from symfive.importers import cycles_of, every, meanings, moved_pieces, read_table, split, taken, turns_of
+from symfive.importers import (
+    cycles_of,
+    every,
+    guessed_meanings,
+    meanings,
+    moved_pieces,
+    read_table,
+    split,
+    taken,
+    turns_of,
+)
 from symfive.machine import preset
 from symfive.model import Model
 from symfive.motion import approach
@@ -49,6 +59,19 @@ def test_whatever_the_separator_mark_and_encoding(separator: str, encoding: str,
     np.testing.assert_allclose(table.numbers, np.stack([ANGLES, np.sin(ANGLES)], axis=1), atol=6e-4)
     columns = taken(table, meanings(table, MACHINE, ()), MACHINE)
     np.testing.assert_allclose(columns["deviation"][:, 0], 1e-3 * np.sin(ANGLES), atol=1e-6)
+
+
+def test_a_text_counts_where_its_column_is_used(tmp_path: Path, capsys):
+    """A laser's software writes the direction, an operator a remark."""
+    rows = [f"{k},{'+-'[k % 2]},{50 * k},{0.1 * k},{'ok' if k % 3 else '12'}" for k in range(6)]
+    (tmp_path / "laser.csv").write_text("\n".join(["Run,Direction,Target (mm),Error (um),Remark", *rows]))
+    table = read_table(tmp_path / "laser.csv")
+    assert table.numbers[:, 2].tolist() == [0.0, 50.0, 100.0, 150.0, 200.0, 250.0] and sorted(table.texts) == [1, 4]
+    assert guessed_meanings(table, preset("three-axis"))[1].name == "deviation"
+    for column, code in (("4", 0), ("5", 2)):
+        files = (tmp_path / "laser.csv", "-o", tmp_path / f"out{code}", "--map", f"deviation={column}:um", "--yes")
+        assert _run("import", "three-axis", *files, "--axis", "X") == code
+    assert "laser.csv, line 3: 'ok' is not a number" in capsys.readouterr().err
 
 
 def test_a_table_of_a_markdown_report(tmp_path: Path):
@@ -323,7 +346,7 @@ WRONG = {
     "early": (["angle [deg];deviation [um]", "0;1", "1;n/a", "2;3", "3;4"], ["--yes"], "line 3", "write a number"),
     "first": (["angle [deg];deviation [um]", "0;n/a", "1;2", "2;3"], ["--yes"], "line 2", "write a number"),
     "thousands": (["angle;deviation", "0;1.234,5", "1;1.234,6"], [], "line 2", "none between the thousands"),
-    "blank": (["angle [deg];deviation [um]", "0;1;5", "1;2;", "2;3;", "3;4;5"], ["--yes"], "line 3: a cell is empty",
+    "blank": (["angle [deg];ccw [um];cw [um]", "0;1;5", "1;2;", "2;3;", "3;4;5"], ["--yes"], "line 3: a cell is empty",
               "delete the row"),
     "large": (["t;x", "1764000000000;1", "1764000000001;2"], [], "line 2: '1764000000000' is beyond 1e+12", "write the reading"),
     "instant": (["t;x", "08:61:00;1", "08:62:00;2"], [], "line 2: '08:61:00' is no instant", "hours:minutes:seconds"),
@@ -339,7 +362,9 @@ WRONG = {
     "empty": (["nothing"], [], "no table of numbers", "two columns"),
     "other": (["x;y", "1;2", "2;3"], ["--map", "X=1:mm"], "hold no reading", "--map dL=3:um"),
     "unknown": (["a;b", "1;2", "2;3"], [], "the names in the header hold no reading", "up and down of a positioning test"),
-    "nowhere": (["t;y", "1;2", "2;3"], ["--map", "time=1:s", "--map", "X_dev=2:um"], "hold no position", "--hold X=0"),
+    "nowhere": (["t;y", "1;2", "2;3"], ["--map", "time=1:s", "--map", "X_dev=2:um"], "no commanded position of X", "--hold X=0"),
+    "uncommanded": (["time_s,X_cmd_mm,X_act_mm,X_force_N", "0,1,1,5", "1,2,2,5"], ["--yes", "--hold", "Y=0"],
+                    "hold no commanded position of X", "--map X=2:mm"),
     "positions": (["1;1.01", "2;2.02", "4;3.99"], ["--map", "target=1:mm", "--map", "deviation=2:mm"], "these are positions",
                   "--map measured=2:mm"),
     "both": (["1;1.01;1", "2;2.02;2"], ["--map", "target=1:mm", "--map", "up=2:mm", "--map", "down=3:mm"], "are positions", ""),

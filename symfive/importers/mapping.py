@@ -18,7 +18,7 @@ from symfive.importers.table import Table
 from symfive.machine import Machine
 
 SCALES = {
-    "length": {"mm": 1.0, "um": 1e-3, "m": 1e3, "in": 25.4},
+    "length": {"mm": 1.0, "um": 1e-3, "nm": 1e-6, "m": 1e3, "in": 25.4},
     "angle": {"deg": 1.0, "rad": 180.0 / np.pi, "gon": 0.9, "urad": 1.8e-4 / np.pi, "arcsec": 1.0 / 3600.0},
     "time": {"s": 1.0, "ms": 1e-3, "min": 60.0},
     "force": {"N": 1.0, "kN": 1e3},
@@ -28,7 +28,7 @@ SCALES = {
 ALIASES = {
     "time": ("time", "t", "zeit", "timestamp"),
     "angle": ("angle", "phi", "winkel", "theta"),
-    "deviation": ("deviation", "dev", "abweichung", "dl", "delta"),
+    "deviation": ("deviation", "dev", "error", "abweichung", "dl", "delta"),
     "radius": ("radius", "r"),
     "ccw": ("ccw",),
     "cw": ("cw",),
@@ -90,7 +90,7 @@ def meanings(table: Table, machine: Machine, entries: Sequence[str], axis: str =
     """The meaning of every column: as the user gives it (`NAME=COLUMN[:UNIT]`, by number, range or name), else from the header.
 
     Where a name is said its guess is dropped. `axis` is that of a positioning test. Raises `InputError` for an unknown name,
-    column or unit, and for a column that is mapped twice.
+    column or unit, for a column that is mapped twice, and for a text in one.
     """
     said: list[Meaning] = []
     for entry in entries:
@@ -111,6 +111,9 @@ def meanings(table: Table, machine: Machine, entries: Sequence[str], axis: str =
         m for m in guessed_meanings(table, machine) if m.name not in taken_names and m.column not in taken_columns
     ]
     found = tuple(sorted([*said, *guesses], key=lambda m: m.column))
+    for m in found:
+        if m.column in table.texts:
+            raise table.texts[m.column]
     _check_units(table, machine, found, axis)
     return found
 
@@ -144,7 +147,8 @@ def shown_meanings(table: Table, found: Sequence[Meaning]) -> str:
     for i, name in enumerate(table.names):
         m = by_column.get(i)
         what = "not used" if m is None else f"{m.name} in {m.unit}{' (guessed)' if m.guessed else ''}"
-        lines.append(f"  {i + 1:>3}  {name[:30]:<30}  {table.numbers[0, i]:>14.6g}  {what}")
+        first = "text" if i in table.texts else f"{table.numbers[0, i]:.6g}"
+        lines.append(f"  {i + 1:>3}  {name[:30]:<30}  {first:>14}  {what}")
     return "\n".join(lines)
 
 

@@ -294,10 +294,11 @@ def recorded_run(machine: Machine, columns: Columns, setting: Setting, id: str) 
     commands = {name: _one(columns, name) for name in columns if name in machine.axes}
     if "laser" in read and not dynamic:
         commands |= {name: _from_both_sides(commands[name]) for name in read["laser"] if name in commands}
-    if not readings or not (commands or setting.hold):
+    known = {*commands, *setting.hold}
+    named = [axis for axes in read.values() for axis in axes if axis in machine.axes and axis not in known]
+    if not readings or not known or named:
         there = f"columns ({', '.join(columns)})" if columns else "names in the header"
-        lacking = "reading" if not readings else "position of an axis"
-        named = [axis for axes in read.values() for axis in axes if axis in machine.axes]
+        lacking = "reading" if not readings else f"commanded position of {named[0] if named else 'an axis'}"
         axis = machine.axes[(named or machine.axis_names)[0]]
         remedy = (
             f"map the columns: --map {axis.name}=2:{axis.unit} --map dL=3:um, or angle and deviation of a circle, or target, up "

@@ -8,7 +8,8 @@ read as seconds.
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
 
@@ -20,7 +21,9 @@ from symfive.files import one_line, read_bytes, shown
 from symfive.separated import SIGNS, Marks, are_numbers, cells_of, signs_of
 
 MAX_BYTES = 200_000_000
-_UNIT = re.compile(r"^(.*?)\s*(?:[\[(]\s*([^\])]*?)\s*[\])]|/\s*(\S+)|_(um|mm|m|in|deg|rad|s|ms|N|Nm|urad|arcsec))?$")
+_UNIT = re.compile(
+    r"^(.*?)\s*(?:[\[(]\s*([^\])]*?)\s*[\])]|/\s*(\S+)|_(um|nm|mm|m|in|deg|rad|s|ms|N|Nm|urad|arcsec))?$"
+)
 _INSTANT = re.compile(r"(\d{4}-\d\d-\d\d[T ])?\d\d:\d\d:\d\d([.,]\d{1,6})?(Z|[+-]\d\d:\d\d)?")
 _BEGIN = datetime(2000, 1, 1)
 _BLANKS = re.compile(r",?\s+(?![\[(])")
@@ -35,13 +38,14 @@ _SPELT = {
 @dataclass(frozen=True)
 class Table:
     """`numbers` (N, k) below a head; `names` and `units` (k,) as the head has them, "" where it has none; `guessed` what was
-    taken for granted, in words."""
+    taken for granted, in words. `texts` column → the error of its first cell that is no number (NaN in `numbers`)."""
 
     path: Path
     names: tuple[str, ...]
     units: tuple[str, ...]
     numbers: Array
     guessed: str
+    texts: Mapping[int, InputError] = field(default_factory=dict)
 
     def column(self, name: str) -> int:
         """The place of a column by its number from 1 or by its name. Raises `InputError` listing those that there are."""
@@ -56,13 +60,14 @@ class Table:
 
 
 def read_table(path: Path | str) -> Table:
-    """The numbers of a file and its head. Raises `InputError` naming file and line for a text or a row of another length."""
+    """The numbers of a file and its head. Raises `InputError` naming file and line for a row of another length; a text counts
+    where its column is used."""
     path = Path(path)
     text, encoding = _decoded(path)
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     sign, first = _begin(path, lines)
     count = len(_cells(lines[first], sign))
-    marks, rows = Marks(sign), []
+    marks, rows, texts = Marks(sign), list[list[float]](), dict[int, InputError]()
     with inside(path=path):
         for number, line in enumerate(lines[first:], start=first + 1):
             if not line.strip():
@@ -73,13 +78,19 @@ def read_table(path: Path | str) -> Table:
             if len(cells) != count:
                 problem = f"the row has {len(cells)} cells, the first one has {count}"
                 raise InputError(problem, line=number, remedy="remove what is no row of the table")
-            rows.append([_number(cell, marks, number) for cell in cells])
+            rows.append([])
+            for column, cell in enumerate(cells):
+                try:
+                    rows[-1].append(_number(cell, marks, number))
+                except InputError as error:
+                    texts.setdefault(column, error.at(path))
+                    rows[-1].append(np.nan)
     names, units = _head(lines[:first], sign, count)
     instants = [bool(_INSTANT.fullmatch(cell)) for cell in _cells(lines[first], sign)]
     units = tuple("s" if instant else unit for instant, unit in zip(instants, units, strict=True))
     decimal = "comma" if sign != "," and any("," in line for line in lines[first : first + 50]) else "point"
     head = f"{first} lines of head" if first else "no head"
-    return Table(path, names, units, np.array(rows), f"{encoding}, {SIGNS[sign]}, decimal {decimal}, {head}")
+    return Table(path, names, units, np.array(rows), f"{encoding}, {SIGNS[sign]}, decimal {decimal}, {head}", texts)
 
 
 def _decoded(path: Path) -> tuple[str, str]:
@@ -117,23 +128,25 @@ def _are_numbers(cells: list[str], sign: str) -> bool:
 
 
 def _begin(path: Path, lines: list[str]) -> tuple[str, int]:
-    """Separator and first line of the table: the first two rows in a row that hold as many numbers, two or more.
+    """Separator and first line of the table: the first two rows in a row that hold as many numbers, two or more, and no text; in
+    a file without such rows the first that hold two or more in the same columns.
 
     Rows of as many cells just above that begin with a number, or of one more, belong to it, though they hold a text: no head
     begins so.
     """
-    for first, line in enumerate(lines):
-        after = next((later for later in lines[first + 1 :] if later.strip()), line)
-        for sign in signs_of(line):
-            cells, below = _cells(line, sign), _cells(after, sign)
-            if len(cells) == len(below) > 1 and _are_numbers(cells, sign) and _are_numbers(below, sign):
-                while (
-                    first
-                    and len(above := _cells(lines[first - 1], sign)) - len(cells) in (0, 1)
-                    and _are_numbers(above[:1], sign)
-                ):
-                    first -= 1
-                return sign, first
+    for text in (False, True):
+        for first, line in enumerate(lines):
+            after = next((later for later in lines[first + 1 :] if later.strip()), line)
+            for sign in signs_of(line):
+                cells, below = ([_are_numbers([cell], sign) for cell in _cells(row, sign)] for row in (line, after))
+                if cells == below and sum(cells) > 1 and (text or all(cells)):
+                    while (
+                        first
+                        and len(above := _cells(lines[first - 1], sign)) - len(cells) in (0, 1)
+                        and _are_numbers(above[:1], sign)
+                    ):
+                        first -= 1
+                    return sign, first
     _refuse_unreadable(path, lines)
     raise InputError("the file holds no table of numbers", path=path, remedy="export text with at least two columns")
 
@@ -168,7 +181,7 @@ def _head(lines: list[str], sign: str, count: int) -> tuple[tuple[str, ...], tup
     return names, tuple(_spelt(next((u for u in match.groups()[1:] if u), "")) if match else "" for match in split)
 
 
-_KNOWN = {"um", "mm", "m", "in", "deg", "rad", "gon", "s", "ms", "min", "N", "Nm", "urad", "arcsec", "kN"}
+_KNOWN = {"um", "nm", "mm", "m", "in", "deg", "rad", "gon", "s", "ms", "min", "N", "Nm", "urad", "arcsec", "kN"}
 
 
 def _spelt(unit: str) -> str:
