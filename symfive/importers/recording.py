@@ -30,6 +30,8 @@ from symfive.procedures import PLANES, Nominal, tool_ball_of, within_travel
 Columns = Mapping[str, Array]
 SPHERE = SetupSigma(table_ball=1000.0, tool_ball=20.0)
 """A calibration sphere is put down by eye and a rule."""
+PLATE = SetupSigma(plate=1000.0)
+"""A grid plate is aligned with the axes to about 1 mm/m; how far it is turned is no error of the machine."""
 TURN_MM = 1e-6
 """Where the same target stands twice, reached from either side, the second command is so much further (mm or degree): it tells
 the side."""
@@ -317,7 +319,7 @@ def recorded_run(machine: Machine, columns: Columns, setting: Setting, id: str) 
         noise_um=noise if len(noise) > 1 else next(iter(noise.values())),
         u=None if u is None else (float(u[0]), float(u[1]), float(u[2])),
         v=None if v is None else (float(v[0]), float(v[1]), float(v[2])),
-        options=_options(read, dynamic),
+        options=_options(read, dynamic), setup_sigma_um=SetupSigma() if u is None else PLATE,
     )  # fmt: skip
     return within_travel(machine, run, place="a position's unit or the travel in the machine file")
 
