@@ -9,12 +9,15 @@ import numpy as np
 import plant
 import pytest
 from concealed_world import bar_runs, circle_runs, diagnosed, grid_runs, names_of, read_by_the_plant, wrong
+from lean import location_only
 
 from examples.blind_study.cases import make_case
 from symfive.diagnose import diagnose
+from symfive.effects import make_effect
 from symfive.machine import preset
 from symfive.motion import ReversalAhead, ReversalTime, RunMotion
-from symfive.procedures import planar_circle
+from symfive.procedures import campaign_of, planar_circle
+from symfive.simulate import simulate
 
 
 @pytest.mark.slow
@@ -249,3 +252,17 @@ def test_vibrations_that_beat_where_one_shock_was_are_not_named(tmp_path: Path) 
     (finding,) = found.findings
     assert finding.unidentified and finding.confidence > 0.9
     assert {effect.coordinate.split(", ")[0] for effect in finding.effects} == {"t"}  # one of them changes over X
+
+
+def test_a_hum_of_the_bar_is_not_taken_for_a_vibration_of_the_machine():
+    """The bar turns, its hum does not: as a whirl of the structure it had a frequency off by one per revolution (64σ)."""
+    machine = location_only("three-axis")
+    plan = campaign_of(machine, planar_circle(machine, radius=100.0, feed=2000.0, rate_hz=20.0))
+    hum = make_effect("vibration", frequency_hz=7.3, place="reading")
+    measured = simulate(plan, truth={"vibration.reading.dL_um.sin": 0.6}, effects=[hum], seed=3)
+    (found,) = diagnose(measured.campaign).findings
+    frequency, amplitude = found.parameters["frequency_hz"], found.parameters["amplitude"]
+    assert abs(frequency.value - measured.truth["vibration.reading.frequency_hz"]) < 3.0 * frequency.std
+    size = np.hypot(*(measured.truth[f"vibration.reading.dL_um.{part}"] for part in ("sin", "cos")))
+    assert amplitude.value == pytest.approx(size, abs=3.0 * amplitude.std)
+    assert found.effect.stage == "reading" and "needs no repair" in found.effect.advice(found.parameters)[1]

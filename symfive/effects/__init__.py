@@ -14,6 +14,7 @@ from symfive.effects._form import (
     BALL,
     CARRIED,
     FORCE,
+    READING,
     TOOL,
     Form,
     Scan,
@@ -63,14 +64,14 @@ from symfive.effects.thermal_drift import ThermalDrift
 from symfive.effects.transmission_error import TransmissionError
 from symfive.effects.unknown import Unknown
 from symfive.effects.varying import Varying
-from symfive.effects.vibration import Vibration
+from symfive.effects.vibration import Vibration, columns_read
 from symfive.errors import InputError
 from symfive.files import shown
 from symfive.machine import Machine
 
 __all__ = [
-    "AXIS", "BALL", "CARRIED", "EFFECTS", "FORCE", "LINKS", "STAGES", "TOOL", "VOCABULARY", "Effect",
-    "Form", "Quantity", "Scan", "Tone", "Unknown", "Varying", "across", "baseline_effects", "component_of",
+    "AXIS", "BALL", "CARRIED", "EFFECTS", "FORCE", "LINKS", "READING", "STAGES", "TOOL", "VOCABULARY", "Effect",
+    "Form", "Quantity", "Scan", "Tone", "Unknown", "Varying", "across", "baseline_effects", "columns_read", "component_of",
     "coordinate_values", "coordinate_words", "effect_words", "form_words", "location_of", "make_effect", "moving",
     "reversing",
 ]  # fmt: skip

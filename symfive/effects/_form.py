@@ -16,9 +16,9 @@ from symfive.runs import Campaign, Run
 if TYPE_CHECKING:
     from symfive.effects._base import Effect
 
-TOOL, AXIS, CARRIED, BALL, FORCE = "tool", "axis", "carried", "ball", "force"
+TOOL, AXIS, CARRIED, BALL, FORCE, READING = "tool", "axis", "carried", "ball", "force", "reading"
 """Channels by which readings answer: a shift of the tool (3), of an axis, of what it carries (3), of the table's ball (3);
-a force in the recording of an axis' drive."""
+a force in the recording of an axis' drive; a constant in each reading column of an instrument."""
 SAME_PLACE = 4
 """Decimals (mm, degree) to which places agree that are one."""
 MOST_PLACES = 40

@@ -135,8 +135,8 @@ class Tonal(Effect):
         return super().prepare(campaign)
 
     @classmethod
-    def tones(cls, runs: Sequence[Run], channel: str, axis: str | None = None) -> Iterator[Tone]:
-        """Where in some runs to look for one."""
+    def tones(cls, runs: Sequence[Run], channel: str, axis: str | None = None, **options: Any) -> Iterator[Tone]:
+        """Where in some runs to look for one of these `options`."""
         longest = max((run.duration for run in runs), default=0.0)
         shortest = max((2.0 * run.interval for run in runs), default=1.0)
         if longest < LEAST_CYCLES * shortest:
@@ -144,7 +144,7 @@ class Tonal(Effect):
         for phases in ("common", "run")[: len(runs)]:
 
             def form(frequency: float, resolution: float, places: int, phases: str = phases) -> Form:
-                return Form(effect=cls(axis=axis, frequency_hz=frequency, phases=phases), places=places)
+                return Form(effect=cls(axis=axis, frequency_hz=frequency, phases=phases, **options), places=places)
 
             yield Tone(
                 channel=channel, axis=axis, coordinate=lambda run: run.start_s + np.asarray(run.time),

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Self
 
-from symfive.effects._form import TOOL, Forms
+import numpy as np
+
+from symfive.effects._form import READING, TOOL, Forms
 from symfive.effects._periodic import Tonal
 from symfive.effects._quantity import Covariance, Quantity, Values
 from symfive.errors import InputError
@@ -15,6 +18,12 @@ from symfive.row import Row
 from symfive.runs import Campaign, Run
 
 PLACES = ("structure", "reading")
+
+
+def columns_read(campaign: Campaign, runs: Iterable[Run]) -> dict[str, str]:
+    """Reading columns of instruments that are not the control's own → their units."""
+    every = ((run, instrument) for run in runs for instrument in instruments_of(run) if not instrument.on_control)
+    return {c.name: c.unit for run, instrument in every for c in instrument.columns(run, campaign.machine)}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,8 +48,8 @@ class Vibration(Tonal):
 
     @property
     def key(self) -> str:
-        """`vibration` or `vibration.RUN`."""
-        return self._key(self.run)
+        """`vibration`, `vibration.reading` or one of these with `.RUN`."""
+        return self._key("reading" if self.place == "reading" else None, self.run)
 
     @property
     def stage(self) -> str:  # type: ignore[override]
@@ -62,16 +71,25 @@ class Vibration(Tonal):
         """Directions or columns that swing, with their units."""
         if self.place == "structure":
             return dict.fromkeys(self.directions, "um")
-        found: dict[str, str] = {}
-        for run in filter(self.applies, campaign.runs):
-            for instrument in instruments_of(run):
-                if not instrument.on_control:
-                    found |= {column.name: column.unit for column in instrument.columns(run, campaign.machine)}
-        return found
+        return columns_read(campaign, self._runs(campaign))
 
     @classmethod
     def candidates(cls, campaign: Campaign) -> Forms:
-        yield from cls.tones([run for run in campaign.runs if run.dynamic], TOOL)
+        """Of the structure, and of an instrument that turns as it reads: one that stands reads both alike."""
+        runs = [run for run in campaign.runs if run.dynamic]
+        yield from cls.tones(runs, TOOL)
+        rotary = campaign.machine.rotary_axes
+        turning = [r for r in runs if "ball_bar" in r.instrument or any(np.ptp(r.commands[a]) > 0.0 for a in rotary)]
+        if columns_read(campaign, turning):
+            yield from cls.tones(turning, READING, place="reading")
+
+    def advice(self, sizes: Mapping[str, Quantity]) -> tuple[str, str]:
+        if self.place == "structure":
+            return super().advice(sizes)
+        return (
+            "a tone in the readings that does not turn with the instrument, as of the mains",
+            "check cables, earthing and filter of the instrument; the machine needs no repair",
+        )
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         found = [

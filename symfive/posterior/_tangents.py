@@ -10,7 +10,7 @@ import numpy as np
 
 from symfive.arrays import Array, Indices
 from symfive.campaign import Campaign, Run
-from symfive.effects import AXIS, BALL, CARRIED, FORCE, TOOL, Effect, Form
+from symfive.effects import AXIS, BALL, CARRIED, FORCE, READING, TOOL, Effect, Form, columns_read
 from symfive.instruments.drive_force import DriveForce, driven_axis
 from symfive.model import Linearisation, Model
 from symfive.parameters import Parameter
@@ -98,13 +98,29 @@ class _Force(Effect):
         row.add_reading(DriveForce.name, self.parameter(row, "force"))
 
 
+@dataclass(frozen=True, kw_only=True)
+class _Reading(Effect):
+    """A constant in each column of the instruments: 1 µm or µrad, of others 1e-3 of their unit."""
+
+    id: ClassVar[str] = "probe_reading"
+    stage: ClassVar[str] = "reading"
+
+    def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
+        found = columns_read(campaign, campaign.runs)
+        return tuple(self.own(name, unit, 1.0 if unit in ("um", "urad") else 1e-3) for name, unit in found.items())
+
+    def apply(self, row: Row) -> None:
+        for i in row.sensed:
+            row.readings[i] += self.parameter(row, row.columns[i].name)
+
+
 Channel = tuple[str, str | None]
 """Its kind, and its axis."""
 
 
 def _probe(channel: Channel) -> Effect:
     kinds = {AXIS: _AxisOffset, CARRIED: _Carried, FORCE: _Force}
-    whole = {TOOL: _ToolShift, BALL: _BallShift}
+    whole = {TOOL: _ToolShift, BALL: _BallShift, READING: _Reading}
     return whole[channel[0]]() if channel[0] in whole else kinds[channel[0]](axis=channel[1])
 
 
@@ -122,9 +138,11 @@ def tangent(model: Model, line: Linearisation, run: Run, channel: Channel) -> Ar
     """How the readings of a run answer to a channel (N, ny, parts), per µm or µrad."""
     wanted = [model.index[p.name] for p in _probe(channel).parameters(model.campaign)]
     there = line.columns.tolist()
-    if any(i not in there for i in wanted):  # a run that does not read the channel
-        return np.zeros((*line.jacobian.shape[:2], len(wanted)))
-    return np.asarray(line.jacobian[:, :, [there.index(i) for i in wanted]])
+    found = np.zeros((*line.jacobian.shape[:2], len(wanted)))
+    for part, i in enumerate(wanted):
+        if i in there:  # otherwise the run does not read this part of the channel
+            found[:, :, part] = line.jacobian[:, :, there.index(i)]
+    return found
 
 
 @dataclass(frozen=True)
