@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from pages import HOSTILE, Page
+from test_drive_at_rest import recorded
 
 from symfive.campaign import read_campaign
 from symfive.design import Discrimination, Separation
@@ -167,6 +168,21 @@ def test_a_residual_above_the_noise_asks_for_a_repeat_that_there_is_not_yet(foun
     again = tuple(replace(run, id=f"{run.id}-2", file=f"{run.id}-2.csv") for run in campaign.runs)
     repeated = replace(left, after=identify(replace(campaign, runs=(*campaign.runs, *again))))
     assert "repeat one run" not in closing(repeated) and "scatter of the repeated runs" in closing(repeated)
+
+
+def test_readings_of_two_units_are_said_in_their_own(found):
+    """A force of 103 N had been "103 mm of the readings", and its rms nowhere."""
+    (run,) = recorded().runs
+    run = replace(run, options={k: v for k, v in run.options.items() if k != "motion_from"})
+    after = identify(replace(recorded(), runs=(run,)))
+    force = np.where(np.arange(run.rows)[:, None] == 7, [0.0, 103.0], 0.0)
+    cause = make_effect("unknown", over=("X velocity",), place="force")
+    several = replace(
+        found.findings[0], name="unknown", effect=cause, contribution={run.id: force}, further=((cause, {}),), moved={}
+    )
+    assert facts_of(several, after)["how large"] == "up to 103 N of the readings, by 2 terms"
+    both = " ".join(str(replace(found, before=after, after=after, findings=())).split())
+    assert re.search(r"rms \S+ mm, \S+ N \(all readings\)", both), both
 
 
 def test_a_size_that_no_machine_has_is_spoken_of(found):

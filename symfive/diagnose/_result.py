@@ -19,7 +19,7 @@ from symfive.diagnose._words import facts_of
 from symfive.effects import Effect, Quantity, coordinate_words, effect_words
 from symfive.identify import UNCONVERGED, Identification, relief_notes, tension_notes
 from symfive.inference import Outlier
-from symfive.numbers import change, expected_ratio, in_words, percent, plain_number, with_std
+from symfive.numbers import change, expected_ratio, in_words, percent, plain_number, unit_words, with_std
 from symfive.screen import OnScreen, listed, wrapped
 
 SCHEMA = "symfive.diagnosis/1"
@@ -163,9 +163,11 @@ def _excluded(fit: Identification) -> dict[str, Any]:
 
 
 def mean_square(result: Identification, outliers: tuple[Outlier, ...]) -> float:
-    """Of the residuals that count, without these readings."""
+    """Of the residuals that count, without these readings; in units of the noise where they have several units."""
     problem, total, count = result.problem(), 0.0, 0
     for run, residual in result.residuals.items():
+        if len(result.rms) > 1:
+            residual = residual / result.model.noise(run)
         counted = problem.judged(result.model.campaign.run(run))
         names = [column.name for column in result.model.columns(run)]
         for outlier in (each for each in outliers if each.run == run):
@@ -312,12 +314,12 @@ class Diagnosis(OnScreen):
     @property
     def excluded(self) -> tuple[str, ...]:
         """What was excluded as outliers, before and after, in a sentence; none where nothing was."""
-        counts = len(self.before.outliers), len(self.after.outliers)
+        counts = [len(fit.outliers) for fit in ((self.before, self.after) if self.findings else (self.after,))]
         if not any(counts):
             return ()
         every, unit = self.after.problem().readings, self.after.file_unit
         numbers = " → ".join(dict.fromkeys(f"{n} of {every} ({percent(n / every)})" for n in counts))
-        kept = change(self.before.rms_kept.get(unit, 0.0), self.after.rms_kept.get(unit, 0.0), unit)
+        kept = self._change(self.before.rms_kept.get(unit, 0.0), self.after.rms_kept.get(unit, 0.0), unit)
         return (f"Excluded outliers: {numbers} readings; without them rms {kept} {self.after.unit}.",)
 
     @property
@@ -368,22 +370,30 @@ class Diagnosis(OnScreen):
             lines += ["", *(line for said in self.doubts for line in wrapped("  -  ", said))]
         return "\n".join([*lines, "", *self._quality()])
 
+    def _change(self, before: float, after: float, unit: str = "") -> str:
+        """Before → after of the findings. Without any both fits have the same model, and the second the better noise."""
+        return change(before, after, unit) if self.findings else plain_number(after, unit)
+
     def _quality(self) -> list[str]:
         fit, unit = self.fit, self.after.unit
         noise = plain_number(self.noise_um, unit)
         which = "all readings" if self.hold_out is None else "fitted readings"
-        lines = [f"rms {change(fit.rms_before_um, fit.rms_after_um, unit)} {unit} ({which}), noise {noise} {unit}"]
+        rms = [f"{self._change(fit.rms_before_um, fit.rms_after_um, unit)} {unit}"]
+        for other in self.after.rms.keys() - {self.after.file_unit}:
+            old, new = (each.rms.get(other, 0.0) for each in (self.before, self.after))
+            rms.append(f"{self._change(old, new, unit_words(other))} {unit_words(other)}")
+        lines = [f"rms {', '.join(rms)} ({which}), noise {noise} {unit}"]
         lines += [line for said in (*self.excluded, *self.geometry) for line in wrapped("", said)]
         if self.geometry_share > SHOWN_SHARE:
             lines.append(
                 f"explained by geometry and set-up (refitted): {percent(self.geometry_share)} of the deviation's mean square"
             )
         if fit.heldout_rms_before_um is not None and fit.heldout_rms_after_um is not None:
-            held = change(fit.heldout_rms_before_um, fit.heldout_rms_after_um, unit)
+            held = self._change(fit.heldout_rms_before_um, fit.heldout_rms_after_um, unit)
             which = "runs left out in turn" if self.hold_out else "held-out runs"
             expected = plain_number(fit.heldout_expected_um.get("run", fit.rms_after_um), unit)
             lines.append(f"{which}: rms {held} {unit} (expected {expected} {unit})")
-        ratio = change(fit.chi2_dof_before, fit.chi2_dof_after)
+        ratio = self._change(fit.chi2_dof_before, fit.chi2_dof_after)
         lines.append(f"chi²/dof {ratio} against the declared noise ({expected_ratio(self.after.dof)})")
         if self.findings:
             lines.append("±: 1σ (k = 1), if the names are right. Confidence: among catalogue and unidentified effects.")

@@ -117,9 +117,13 @@ def _sizes(finding: Finding, after: Identification) -> tuple[list[str], list[str
     """Its parameters: words, numbers, several numbers at once. Numbers within 2σ of 0 only where no other one stands out, and
     then by how many σ all amplitudes together do. Of a cause that several terms describe, what they do to the readings."""
     if finding.further:
-        most = max(float(np.abs(c - np.median(c, axis=0)).max()) for c in finding.contribution.values())
-        unit = unit_words(after.file_unit)
-        return [f"up to {plain_number(most, unit)} {unit} of the readings, by {1 + len(finding.further)} terms"], [], []
+        most = dict[str, float]()
+        for run, part in finding.contribution.items():
+            off = np.abs(part - np.median(part, axis=0)).max(axis=0)
+            for column, size in zip(after.model.columns(run), off.tolist(), strict=True):
+                most[column.unit] = max(most.get(column.unit, 0.0), size)
+        seen = [f"{plain_number(size, unit_words(unit))} {unit_words(unit)}" for unit, size in most.items() if size]
+        return [f"up to {' and '.join(seen)} of the readings, by {1 + len(finding.further)} terms"], [], []
     words, clear, faint, vectors = list[str](), list[str](), list[str](), list[str]()
     for name, q in finding.parameters.items():
         said = f"{name_words(name, q.unit)} {in_words(q.value, q.std, q.unit or '')}".strip()
