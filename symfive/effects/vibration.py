@@ -75,11 +75,16 @@ class Vibration(Tonal):
 
     @classmethod
     def candidates(cls, campaign: Campaign) -> Forms:
-        """Of the structure, and of an instrument that turns as it reads: one that stands reads both alike."""
+        """Of the structure, and of a bar or a nest that turns as it reads: what stands reads both alike."""
         runs = [run for run in campaign.runs if run.dynamic]
         yield from cls.tones(runs, TOOL)
         rotary = campaign.machine.rotary_axes
-        turning = [r for r in runs if "ball_bar" in r.instrument or any(np.ptp(r.commands[a]) > 0.0 for a in rotary)]
+        turning = [
+            run
+            for run in runs
+            if "ball_bar" in run.instrument
+            or ("r_test" in run.instrument and any(np.ptp(run.commands[axis]) > 0.0 for axis in rotary))
+        ]
         if columns_read(campaign, turning):
             yield from cls.tones(turning, READING, place="reading")
 
