@@ -24,7 +24,7 @@ from symfive.instruments import INSTRUMENTS, instruments_of
 from symfive.machine import machine_from_data, preset
 from symfive.model import Model
 from symfive.moves import cleared
-from symfive.nc import DIALECTS, Post, can_probe, write_programs
+from symfive.nc import DIALECTS, Post, can_write, write_programs
 from symfive.procedures import campaign_of, planar_circle, r_test_grid
 from symfive.simulate import simulate
 from symfive.version import __version__
@@ -187,7 +187,7 @@ def test_a_dialect_of_its_page_drives_what_the_others_drive(own_tables, tmp_path
 def test_a_dialect_without_words_for_a_touch_is_refused(own_tables):
     DIALECTS["silent"] = replace(DIALECTS["iso"], name="silent", cycle=None)
     with pytest.raises(InputError, match="silent: its words for a touch are not known"):
-        can_probe("silent", Post())
+        can_write(preset("table-bc"), "silent", Post(), probing=True)
 
 
 def test_the_files_that_the_how_tos_name_exist():

@@ -214,6 +214,19 @@ def test_tool_centre_control_is_switched_by_the_users_text() -> None:
     assert len(inside) == run.rows  # the control follows the ball itself: one block a pose
 
 
+def test_the_tool_stands_still_where_its_length_is_called() -> None:
+    """A Fanuc takes the frame that the table has at G43.4, and moves by the tool's length where G43.4 or G49 stand alone."""
+    machine = preset("table-bc")
+    run = r_test_grid(machine, grid={"B": (0.0,), "C": (90.0, 0.0)}, nests=((60.0, 0.0, 100.0),), returning=False)[0]
+    lines = program(machine, run, "iso", Post(tool_centre=True)).splitlines()
+    on, off = (next(i for i, line in enumerate(lines) if code in line) for code in ("G43.4 H1 X", "G49 X"))
+    assert lines[on - 2 : on] == ["G0 X0.00000 Y-60.00000", "G0 Z300.00000"]  # the ball is 150 mm below
+    assert lines[on] == "G1 G43.4 H1 X0.00000 Y-60.00000 Z150.00000 B0.00000 C90.00000 F1"
+    assert {line.split()[2] for line in lines[on:off] if line.startswith("G1 X")} == {"Y-60.00000"}  # wherever C is
+    assert lines[off - 1].startswith("G1 X0.00000 Y-60.00000 Z150.00000 B0.00000 C0.00000")
+    assert lines[off] == "G1 G49 X60.00000 Y0.00000 Z300.00000 B0.00000 C0.00000 F1"
+
+
 def test_no_number_has_more_digits_than_the_control_reads() -> None:
     """A Fanuc refuses X1063.42240: nine digits."""
     machine = preset("table-bc")

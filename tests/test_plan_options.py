@@ -231,6 +231,7 @@ def test_circles_on_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixtu
         (["--circles", "planar", "--effect", "backlash:X", "--repeats", "2"], "--repeats"),
         (["--tool-centre-on", "TRAORI"], "--tool-centre-off"),
         (["--tool-centre-off", "TRAFOOF"], "--tool-centre-on"),
+        (["--tool-centre", "--nc", "heidenhain"], "depends on your machine; give --tool-centre-on"),
         (["--in-motion", "--minutes", "1e7"], "minutes = 1e+07 min is beyond 1440 min"),
         (["--in-motion", "--minutes", "1440"], "give at most 260 minutes"),
         (["--dwell", "1e9"], "dwell_s = 1e+09 s is beyond 3600 s"),
@@ -244,6 +245,27 @@ def test_an_option_that_does_nothing_or_harm_is_refused(
 ) -> None:
     assert main(["plan", "table-bc", "-o", str(tmp_path / "p"), *options]) == 2
     assert unused in capsys.readouterr().err and not (tmp_path / "p").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--instrument", "touch_probe"], "a touch probe moves X, Y"),
+        (["--tool-centre"], "tool-centre control moves X, Y"),
+    ],
+)
+def test_what_moves_x_y_and_z_is_refused_without_these(
+    options: list[str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = Path("designs/machines/table-bc.toml").read_text().partition("[errors]")
+    text = (
+        re.sub(r"\bX\b", "U", text[0]),
+        "[errors]\nEX0C = { sigma = 50.0 }\n",
+        text[2][text[2].index("[workspace]") :],
+    )
+    (tmp_path / "odd.toml").write_text("".join(text))
+    assert main(["plan", str(tmp_path / "odd.toml"), "-o", str(tmp_path / "plan"), *options]) == 2
+    assert said in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("name", ["W", pytest.param("J5", marks=pytest.mark.slow)])

@@ -157,7 +157,7 @@ def plan(
     from symfive.design import plan as make_plan
     from symfive.executors import executor
     from symfive.given import machine_given
-    from symfive.nc import Post, can_probe, check_addresses
+    from symfive.nc import Post, can_write, check_addresses
 
     dialects = cli.dialects_of(nc)
     with output_folder(output, overwrite=overwrite) as folder:
@@ -175,8 +175,8 @@ def plan(
         instruments = words.names_in(poses["instrument"])
         words.refuse_unused(click.get_current_context(), instruments)
         poses["instrument"] = ",".join(instruments)
-        for dialect in dialects if "touch_probe" in instruments else ():
-            can_probe(dialect, post)
+        for dialect in dialects:
+            can_write(data, dialect, post, probing="touch_probe" in instruments)
         names = words.names_in(wanted)
         wished = words.until_of(until)
         in_motion = motion.pop("in_motion")

@@ -12,7 +12,7 @@ from symfive.machine import Machine
 from symfive.nc._base import Dialect, Step, render
 from symfive.nc._pace import CAUTION, able, pace
 from symfive.nc._post import UNCHECKED, Post, collision_warning, which_point, worded
-from symfive.nc._probing import cycle_of, probing_steps
+from symfive.nc._probing import check_probing, cycle_of, probing_steps
 from symfive.nc._route import (
     Positions,
     Way,
@@ -46,7 +46,7 @@ from symfive.outputs import write_text
 
 __all__ = [
     "CAUTION", "DIALECTS", "UNCHECKED", "Dialect", "Positions", "Post", "Probing", "Seat", "Step", "Way", "able", "addressed",
-    "along_arcs", "arrival_times", "at_the_top", "can_probe", "check_addresses", "collision_warning", "dialect_of", "lifts",
+    "along_arcs", "arrival_times", "at_the_top", "can_write", "check_addresses", "collision_warning", "dialect_of", "lifts",
     "one_by_one", "out_to_the_top", "outside_s", "over_the_top", "pace", "program", "program_steps", "series_name", "series_of",
     "stands", "top_of", "touch_reach",
     "turned_home", "upright_axis", "which_point", "write_programs",
@@ -62,9 +62,17 @@ def dialect_of(name: str) -> Dialect:
     return DIALECTS[name]
 
 
-def can_probe(dialect: str, post: Post) -> None:
-    """Raises `InputError` where a control cannot probe as the user decided."""
-    cycle_of(dialect_of(dialect), post)
+def can_write(machine: Machine, dialect: str, post: Post, *, probing: bool = False) -> None:
+    """Raises `InputError` where programs for that machine and control cannot be written as the user decided."""
+    check_addresses(machine)
+    chosen = dialect_of(dialect)
+    if worded(post, chosen).centred and not {"X", "Y", "Z"} <= set(machine.linear_axes):
+        raise InputError(
+            "tool-centre control moves X, Y and Z", remedy="leave out --tool-centre, or name the linear axes so"
+        )
+    if probing:
+        check_probing(machine)
+        cycle_of(chosen, post)
 
 
 def _text(machine: Machine, run: Run, dialect: Dialect, steps: Sequence[Step], post: Post, number: int = 1) -> str:

@@ -85,8 +85,10 @@ class Dialect:
     the operator turn it.
     `contour` calls a circle's `{plane}` and the contouring mode: exact stop off, look-ahead as in production. `arc` writes a
     circle's blocks, by default one a turn.
-    `tool_centre`: the lines that switch tool-centre control on, with the length of tool `{tool}`, and off; None where they depend
-    on the machine's configuration, for which `tool_centre_example` shows what may stand there.
+    `tool_centre`: the lines that switch tool-centre control on, with the length of tool `{tool}`, and off, at the place
+    `{words}`; None where they depend on the machine's configuration, for which `tool_centre_example` shows what may stand there.
+    `frame_of_start`: the word of a tool-centre mode whose X, Y and Z are in the workpiece frame as the table stands where it is
+    switched on; all others count from the table's axes at 0.
     `inverse_time`: whether the control has G93, where F is 1/minutes of the block. Without it F is mm/min of the linear
     axes (degree/min where none moves) and the time stands in a comment: what F means with rotary axes in the block
     depends on the control's parameters.
@@ -113,6 +115,7 @@ class Dialect:
     arc: Callable[[Block], Sequence[str]] = _block_a_turn
     tool_centre: tuple[str, str] | None = None
     tool_centre_example: str = ""
+    frame_of_start: str = ""
     inverse_time: bool = True
     numbered: bool = False
     upper: bool = False
@@ -179,7 +182,7 @@ def _lines(dialect: Dialect, step: Step, before: Mapping[str, float], *, timed: 
     if step.kind == "comment":
         return [dialect.comment.format(text=line) for line in textwrap.wrap(text, LONGEST)]
     if step.kind in ("text", "trigger"):
-        return [line for line in step.text.splitlines() if line.strip()]
+        return [line.replace("{words}", words) for line in step.text.splitlines() if line.strip()]
     if step.kind == "stop":
         return [line.format(text=text) for line in dialect.stop]
     if step.kind == "orient":

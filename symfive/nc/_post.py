@@ -36,8 +36,10 @@ class Post:
     """The user's choices for the programs, and the moves between poses.
 
     `tool_centre`: tool-centre point control by the dialect's own words, with the length of tool `tool_number`;
-    `tool_centre_on`, `tool_centre_off`: your own lines instead (TRAORI, G43.4 H1, M128, M428 …), which call the length too;
-    without either the words are positions of the axes. `reversed_axes`: rotary axes that the control turns against ISO 841.
+    `tool_centre_on`, `tool_centre_off`: your own lines instead (TRAORI, M128, M428 …), which call the length too and may hold
+    `{words}`, the place where the axes stand; without either the words are positions of the axes. `frame_of_start`: X, Y and Z
+    are in the workpiece frame as the table stands where it is switched on, which the dialect knows.
+    `reversed_axes`: rotary axes that the control turns against ISO 841.
     `machine_top`: where the tool's axis is at the top, mm in machine coordinates (controls with G28 need no number). `probe_on`
     and `probe_off` your own lines that switch a touch probe, `probe_tool` its number in the tool table, where it must be
     called; `retract_mm` out of the nest; `dwell_s` at each pose, long enough for machine and instrument to settle; `at_pose`
@@ -55,6 +57,7 @@ class Post:
     probe_tool: int | None = None
     tool_centre_on: str = ""
     tool_centre_off: str = ""
+    frame_of_start: bool | None = None
     reversed_axes: tuple[str, ...] = ()
     machine_top: float = 0.0
     retract_mm: float = RETRACT_MM
@@ -96,17 +99,18 @@ class Post:
 def worded(post: Post, dialect: Dialect) -> Post:
     """The decisions with the dialect's own words for tool-centre control, where it is wished and the user gives none. Raises
     `InputError` where they depend on the machine's builder."""
-    if not post.tool_centre or post.tool_centre_on:
-        return post
-    if dialect.tool_centre is None:
-        problem = (
-            f"{dialect.name}: which lines switch tool-centre control with the ball's length depends on your machine"
-        )
-        raise InputError(
-            problem, remedy=f"give --tool-centre-on and --tool-centre-off, as {dialect.tool_centre_example}"
-        )
-    on, off = (text.format(tool=post.tool_number) for text in dialect.tool_centre)
-    return replace(post, tool_centre_on=on, tool_centre_off=off)
+    on, off = post.tool_centre_on, post.tool_centre_off
+    if post.tool_centre and not on:
+        if dialect.tool_centre is None:
+            problem = (
+                f"{dialect.name}: which lines switch tool-centre control with the ball's length depends on your machine"
+            )
+            raise InputError(
+                problem, remedy=f"give --tool-centre-on and --tool-centre-off, as {dialect.tool_centre_example}"
+            )
+        on, off = (text.replace("{tool}", str(post.tool_number)) for text in dialect.tool_centre)
+    as_it_stands = bool(dialect.frame_of_start) and dialect.frame_of_start in on
+    return replace(post, tool_centre_on=on, tool_centre_off=off, frame_of_start=as_it_stands)
 
 
 def collision_warning(machine: Machine, post: Post, runs: Sequence[Run]) -> tuple[str, ...]:
@@ -146,13 +150,17 @@ def which_point(machine: Machine, run: Run, post: Post) -> str:
     nose = "the spindle nose" + (" with all rotary axes at 0" if above else "")
     if not post.centred or circle_of(machine, run) is not None:
         return f"X Y Z are of {nose}, without a tool length; the ball's centre is {length} below it"
+    table = any(machine.axes[name].rotary for name in machine.structure.workpiece)
     if not post.tool_centre_on:
+        head = " (the head of each program says for which position of the table)" if table else ""
         return (
-            f"While tool-centre control is on X Y Z are of the ball's centre in the workpiece frame, its length {length} called "
-            f"with it; elsewhere they are of {nose}, without a tool length"
+            f"While tool-centre control is on X Y Z are of the ball's centre in the workpiece frame{head}, its length {length} "
+            f"called with it; elsewhere they are of {nose}, without a tool length"
         )
-    on, off = (" ".join(text.split()) for text in (post.tool_centre_on, post.tool_centre_off))
+    on, off = (" ".join(text.replace("{words}", "").split()) for text in (post.tool_centre_on, post.tool_centre_off))
+    stands = {None: "", True: f" as the table stands at {on}", False: " with the table at 0"}[post.frame_of_start]
+    frame = f"{stands}, and turn with it" if table and stands else ""
     return (
-        f"From {on} to {off} X Y Z are of the ball's centre in the workpiece frame, its length {length} called by these lines; "
-        f"elsewhere they are of {nose}, without a tool length"
+        f"From {on} to {off} X Y Z are of the ball's centre in the workpiece frame{frame}; its length {length} called by these "
+        f"lines; elsewhere they are of {nose}, without a tool length"
     )

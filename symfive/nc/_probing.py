@@ -47,13 +47,17 @@ def cycle_of(dialect: Dialect, post: Post) -> Cycle:
     return cycle
 
 
+def check_probing(machine: Machine) -> None:
+    """Raises `InputError` for other linear axes than X, Y and Z."""
+    if set(machine.linear_axes) != {"X", "Y", "Z"}:
+        raise InputError("a touch probe moves X, Y and Z", remedy="name the linear axes so, and leave out U, V and W")
+
+
 def probing_steps(
     machine: Machine, run: Run, dialect: Dialect, post: Post, probing: Probing | None = None
 ) -> list[Step]:
     """The steps of a probing program. Raises `InputError` for touches that come from below the stand-off, for further linear
     axes, and where `cycle_of` does."""
-    if set(machine.axis_names) & set("UVW"):
-        raise InputError("a probing program moves X, Y and Z", remedy="leave U, V and W out of the machine file")
     return _Prober(machine, run, dialect, post, probing).steps()
 
 
@@ -61,6 +65,7 @@ class ProbeWays(Writer):
     """The moves between the poses of a probing program, and their times."""
 
     def __init__(self, machine: Machine, run: Run, post: Post, probing: Probing | None = None) -> None:
+        check_probing(machine)
         super().__init__(machine, run, post)
         self.probing = probing or probing_of(machine)
         self.reach = self.probing.sphere_radius + self.probing.tip_radius

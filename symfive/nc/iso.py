@@ -5,6 +5,8 @@ look-ahead (`G5.1 Q1`, `G8 P1`, Haas `G187`) is on in production is switched on 
 
 Spindle orientation to an angle (`M19` with R, S or nothing) is the builder's: the program stops, the operator turns the spindle.
 `#3006` stops and shows its text (26 characters); `G28` drives to the reference point, which lies at the top of the tool's axis.
+`G43.4` fixes X, Y and Z to the table as it stands then (Fanuc 30i A-79348E 1.1, 15i B-63783EN-1 10.4.14, Mitsubishi M700V 13.24).
+It and `G49` name the place where the axes stand: alone in a block they move the tool by its length where parameter 5006#6 is 0.
 `G31` skips what is left of a move; without contact `#5061` … hold its end. `DPRNT` prints eight digits, and
 a number of more than eight is an alarm. From the makers' documentation.
 """
@@ -66,6 +68,7 @@ ISO = Dialect(
     datum="G54 calls the datum, G49: no tool length offset",
     upper=True,
     digits=8,
-    tool_centre=("G43.4 H{tool}", "G49"),
+    tool_centre=("G1 G43.4 H{tool} {words} F1", "G1 G49 {words} F1"),
+    frame_of_start="G43.4",
     cycle=CYCLE,
 )

@@ -114,6 +114,7 @@ class Control:
     inverse_time: bool = False
     length_on: bool = False
     centred: bool = False
+    frame: Array = field(default_factory=lambda: np.eye(4))
     position: Array = field(init=False)
 
     @property
@@ -155,6 +156,8 @@ class Control:
     def to_axes(self, words: Mapping[str, float], incremental: bool, line: int) -> tuple[Array, tuple[int, ...]]:
         """Target of a block from its words, in the frame in which the block moves."""
         target, moved = self.here(), []
+        if self.centred:
+            target[self.linear] = (self.frame @ [*target[self.linear], 1.0])[:3]
         for axis, value in words.items():
             i = self.index(axis)
             if i is None:
@@ -164,6 +167,8 @@ class Control:
             offset = self.tool_length if self.length_on and i == self.machine.tool_axis and not self.centred else 0.0
             target[i] = target[i] + value if incremental else value + offset
             moved.append(i)
+        if self.centred:
+            target[self.linear] = np.linalg.solve(self.frame, [*target[self.linear], 1.0])[:3]
         return target, tuple(moved)
 
     @property
@@ -183,6 +188,14 @@ class Control:
     def linear(self) -> list[int]:
         """Indices of X, Y and Z."""
         return [self.machine.names.index(name) for name in "XYZ"]
+
+    def centre_as_it_stands(self) -> None:
+        """Tool-centre control is on, its frame fixed to the table as it stands (Fanuc, Mitsubishi), not with the table at 0."""
+        table = [axis.name for axis in self.machine.chain.workpiece if axis.rotary]
+        stands = np.where(np.isin(self.machine.names, table), self.position, 0.0)
+        corners = self.machine.points(stands[None, :], np.vstack([np.eye(3), np.zeros(3)]))[0]
+        self.frame = np.linalg.inv(np.block([[(corners[:3] - corners[3]).T, corners[3][:, None]], [np.zeros(3), 1.0]]))
+        self.centred = True
 
     def move(
         self, kind: str, line: int, words: Mapping[str, float], *, incremental: bool = False, arc: Arc | None = None

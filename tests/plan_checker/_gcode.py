@@ -42,6 +42,9 @@ class Block:
     message: str | None = None
 
 
+SWITCHED_MM = 2e-4
+
+
 class GCode:
     """One program: `read` goes through its lines and leaves events and findings in the control."""
 
@@ -125,7 +128,7 @@ class GCode:
             if code in ("43", self.words.no_length):
                 control.length_on = code == "43"
             if code == "43.4":
-                control.centred = True
+                control.centre_as_it_stands()
             if code == self.words.no_length:
                 control.centred = False
             if re.fullmatch(self.words.datum, code):
@@ -137,6 +140,7 @@ class GCode:
         for name in block.names:
             if name in ("TRAORI", "TRAFOOF"):
                 control.centred = name == "TRAORI"
+                control.frame = np.eye(4)
             if name not in NAMED:
                 control.fault(block.line, f"the checker does not know {name}")
             if name != "SUPA":
@@ -208,7 +212,11 @@ class GCode:
         if len(words) < len(block.axes) or not self.motion:
             control.fault(block.line, "axis words without a number, or before any of G0 to G3")
             return
-        if self.motion in "01":
+        if {"43.4", self.words.no_length} & set(block.g):  # the place where the axes stand, in the words from here on
+            away = float(np.abs(control.to_axes(words, False, block.line)[0] - control.here()).max())
+            if not away < SWITCHED_MM:
+                control.fault(block.line, f"the tool moves by {away:g} where its length is switched", "first move")
+        elif self.motion in "01":
             control.move("feed" if self.motion == "1" else "rapid", block.line, words, incremental=self.incremental)
         else:
             arc = self._arc(block, words)
