@@ -46,6 +46,8 @@ def test_every_control_takes_the_names_of_its_files(folder: Path) -> None:
     assert len({len(found) for found in names.values()}) == 1
     assert all(re.fullmatch("[A-Z]{2}[A-Z0-9_]{0,22}", name) for name in names["siemens"])
     assert all(re.fullmatch("[A-Za-z0-9._-]{1,24}", name) for name in names["heidenhain"])
+    for path in (folder / "nc" / "heidenhain").iterdir():
+        assert f"BEGIN PGM {path.stem.replace('-', '_').upper()} MM" in path.read_text()
 
 
 def test_the_checker_reads_the_arcs_of_every_dialect(folder: Path) -> None:
@@ -77,6 +79,9 @@ def test_tool_centre_control_comes_in_the_dialects_own_words(tmp_path: Path) -> 
     made.write(tmp_path / "plan", nc=("iso", "siemens"), post=Post(tool_centre=True, tool_number=7))
     iso = next((tmp_path / "plan/nc/iso").iterdir()).read_text()
     siemens = next((tmp_path / "plan/nc/siemens").iterdir()).read_text()
+    assert "In the program while tool-centre control is on X Y Z are of the tool ball" in (
+        tmp_path / "plan/setup.html"
+    ).read_text(encoding="utf-8")
     assert iso.index("G43.4 H7") < iso.index("SEAT BALL") < iso.rindex("G49")
     assert siemens.index("T7 D1\nTRAORI") < siemens.index("SEAT BALL") < siemens.rindex("TRAFOOF\nD0")
     assert not check(tmp_path / "plan")

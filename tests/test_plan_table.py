@@ -69,11 +69,18 @@ def test_the_centre_follows_from_the_axis_that_carries_the_table_or_is_given(tmp
     write_machine(given, tmp_path / "machine.toml")
     again = read_machine(tmp_path / "machine.toml")
     assert again.table_centre == (10.0, -20.0) and again.workspace == given.workspace
-    assert "table: radius 150 mm about x = 10, y = −20 mm of the workpiece frame (table_centre)" in str(
+    assert "table: plane z = 0, radius 150 mm about x = 10, y = −20 mm of the workpiece frame (table_centre)" in str(
         check(tmp_path / "machine.toml")
     )
     with pytest.raises(InputError, match=r"table_centre = \[1.0\] is not 2 finite numbers"):
         replace(machine.workspace, table_centre=(1.0,))  # type: ignore[arg-type]
+
+
+def test_travels_are_printed_as_they_are() -> None:
+    machine = preset("table-bc")
+    far = {"C": (-100000.0, 100000.0), "X": (-160.25, 300.0)}
+    axes = {name: replace(axis, travel=far.get(name, axis.travel)) for name, axis in machine.axes.items()}
+    assert "X −160.25…300 mm" in (said := str(replace(machine, axes=axes))) and "C −100000…100000 °" in said
 
 
 def test_check_names_a_nest_beside_the_table() -> None:

@@ -69,8 +69,10 @@ def _counts_on(campaign: Campaign, expected: Assessment, given: Campaign | None)
     before, after = with_unit(expected.sigma[name], unit), with_unit(sigma[name], unit)
     if before == after:
         return []
-    what = "tool ball and bar are" if campaign.runs[0].length is not None else "the tool ball is"
-    return [f"expected 1σ hold if {what} mounted anew for every run; otherwise 1σ of {name} is {after}, not {before}"]
+    first = campaign.runs[0]
+    what = "tool ball and bar are mounted" if first.length is not None else "the tool ball is mounted"
+    what = "the probe is calibrated" if "touch_probe" in first.instrument else what
+    return [f"expected 1σ hold if {what} anew for every run; otherwise 1σ of {name} is {after}, not {before}"]
 
 
 def _rounding_notes(space: Space, schedule: Schedule) -> list[str]:

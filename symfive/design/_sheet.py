@@ -240,7 +240,7 @@ def _ball_positions(nominal: Nominal, run: Run, stands: str) -> dict[str, Any]:
     linear = ", ".join(f"{name} {digits(q[0])}" for name, q in there if not axes[name].rotary)
     rotary = ", ".join(f"{name} {q[0]:g}°" for name, q in there if axes[name].rotary)
     shown = f"{linear} mm{f' ({rotary})' if rotary else ''}" if linear else ""
-    return {"stands": stands, "rows": rows, "shown": shown}
+    return {"stands": stands, "held": mounted(run)[1], "rows": rows, "shown": shown}
 
 
 def _recording(nominal: Nominal, run: Run) -> dict[str, Any]:
@@ -295,6 +295,15 @@ def _thickness(sheet: Sheet) -> list[tuple[str, float | None]]:
     return bodies
 
 
+def _table(sheet: Sheet) -> str:
+    """Where the table is taken to be, in words."""
+    machine = sheet.campaign.machine
+    x, y = machine.table_centre
+    wide = machine.workspace.table_radius
+    about = "" if wide is None else f" within {wide:g} mm of x = {x:g}, y = {y:g} mm"
+    return f"the table (plane z = 0 of the workpiece frame{about})"
+
+
 def _clearances(sheet: Sheet) -> str:
     """Which bodies keep apart, and where."""
     workspace, post = sheet.campaign.machine.workspace, sheet.post
@@ -306,7 +315,7 @@ def _clearances(sheet: Sheet) -> str:
     )
     untested = " ".join(collision_warning(sheet.campaign.machine, post, sheet.campaign.runs)[1:])
     return (
-        f"Spindle nose as a cylinder ({words}), {thick} and the table keep {workspace.clearance:g} mm apart, and linear axes as "
-        f"much off the ends of their travel, at every pose and on every move of the programs from above the first pose to above "
-        f"the last; less only where the instrument itself comes near. {untested} {DRY_RUN}"
+        f"Spindle nose as a cylinder ({words}), {thick} and {_table(sheet)} keep {workspace.clearance:g} mm apart, and linear "
+        "axes as much off the ends of their travel, at every pose and on every move of the programs from above the first pose to "
+        f"above the last; less only where the instrument itself comes near. {untested} {DRY_RUN}"
     )

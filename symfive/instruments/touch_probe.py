@@ -34,6 +34,7 @@ class TouchProbe(BallInstrument):
 
     name = "touch_probe"
     stands = "sphere"
+    held = "centre of the tip"
     on_a_post = True
 
     def check(self, run: Run, machine: Machine) -> None:

@@ -245,13 +245,13 @@ def _table_lines(machine: Machine) -> list[str]:
     given, axis = machine.workspace.table_centre, machine.table_axis
     source = "table_centre" if given is not None else "the workpiece frame's origin" if axis is None else f"axis {axis}"
     about = f"x = {plain_number(x)}, y = {plain_number(y)} mm of the workpiece frame ({source})"
-    return [f"table: radius {plain_number(radius)} mm about {about}"]
+    return [f"table: plane z = 0, radius {plain_number(radius)} mm about {about}"]
 
 
 def _axis_words(axis: Axis) -> str:
     if axis.travel == UNREAD:
         return f"{axis.name} (not read)"
-    low, high = (plain_number(v) for v in axis.travel)
+    low, high = (f"{v:.9g}".replace("-", "−") for v in axis.travel)
     drive = " with drive" if axis.drive is not None else ""
     return f"{axis.name} {low}…{high} {unit_words(axis.unit)}{drive}"
 

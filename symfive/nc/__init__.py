@@ -75,7 +75,9 @@ def can_write(machine: Machine, dialect: str, post: Post, *, probing: bool = Fal
         cycle_of(chosen, post)
 
 
-def _text(machine: Machine, run: Run, dialect: Dialect, steps: Sequence[Step], post: Post, number: int = 1) -> str:
+def _text(
+    machine: Machine, run: Run, dialect: Dialect, steps: Sequence[Step], post: Post, number: int = 1, name: str = ""
+) -> str:
     head = (
         f"symfive for {dialect.name}, {dialect.verified}",
         f"read it and dry-run it {'' if run.dynamic else 'slowly '}without the instrument first",
@@ -85,7 +87,9 @@ def _text(machine: Machine, run: Run, dialect: Dialect, steps: Sequence[Step], p
         _first(dialect, machine, post),
     )
     rotary = bool(machine.rotary_axes)
-    return render(dialect, run.id, [*(Step(kind="comment", text=said) for said in head), *steps], number, rotary=rotary)
+    return render(
+        dialect, name or run.id, [*(Step(kind="comment", text=said) for said in head), *steps], number, rotary=rotary
+    )
 
 
 def _first(dialect: Dialect, machine: Machine, post: Post) -> str:
@@ -126,7 +130,8 @@ def write_programs(
         texts = {run.id: _written(machine, run, dialect, own, next(numbers)) for run in campaign.runs}
         for runs in series:
             steps = series_steps(machine, runs, own)
-            texts[series_name(runs)] = _text(machine, runs[0], dialect, steps, own, next(numbers))
+            name = series_name(runs)
+            texts[name] = _text(machine, runs[0], dialect, steps, own, next(numbers), name)
         files = dict[str, str]()
         for number, (name, text) in enumerate(texts.items(), start=1):
             stem = dialect.file(name)
