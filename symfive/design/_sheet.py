@@ -101,8 +101,12 @@ def _steps(sheet: Sheet, run: Run, stands: str) -> list[str]:
     if programmed:
         steps.append(f"In the program {which_point(machine, run, sheet.post)}.")
     if again is not None:
-        what = "leave everything in place" if stays else "remove it and mount it again (a new set-up error)"
-        steps.append(f"The same mounting as for run {again.id}: {what}.")
+        held = mounted(run)[1]
+        held = (
+            "calibrate the probe again" if "touch_probe" in run.instrument else f"take the {held} out and put it back"
+        )
+        anew = f"remove the {stands} and mount it again, {held} (new set-up errors)"
+        steps.append(f"The same mounting as for run {again.id}: {'leave everything in place' if stays else anew}.")
     if stands and not stays:
         steps += _place(run, stands)
         _, held = mounted(run)
