@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -82,6 +83,16 @@ def test_what_z_means(tmp_path: Path) -> None:
     assert path.tip.all() and path.tool_length == 120.0
     assert _ends(path, "X", "Y", "Z") == [[1.0, 2.0, 63.0], [6.0, 2.0, 63.0]]
     assert _path(tmp_path, f"G43 H1\n{cut}", tool_centre=True).tip.all()
+
+
+def test_length_and_zero_count_along_the_axes(tmp_path: Path) -> None:
+    """Of a Z that counts downwards the nose is above the tip at a lower position."""
+    machine = preset("three-axis")
+    down = replace(machine.axes["Z"], direction=(0.0, 0.0, -1.0), travel=(-600.0, 0.0))
+    machine = replace(machine, axes={**machine.axes, "Z": down}, text="")
+    (tmp_path / "down.nc").write_text("G43 H1\nG0 X0 Y0 Z-60\nG1 X5\n")
+    path = read_tool_path(tmp_path / "down.nc", machine, tool_length=120.0, zero=(1.0, 2.0, 30.0))
+    assert [path.position[name][0] for name in "XYZ"] == [1.0, 2.0, -60.0 - 30.0 - 120.0]
 
 
 def test_a_long_path_keeps_its_ends(tmp_path: Path) -> None:

@@ -138,6 +138,8 @@ class _Program:
     def __init__(self, machine: Machine, tool_length: float, tool_centre: bool) -> None:
         self.names = tuple(machine.axis_names)
         self.rotary = machine.rotary_axes
+        along = {name: machine.axes[name].direction[i] for i, name in enumerate("XYZ") if name in machine.axes}
+        self.signs = {name: math.copysign(1.0, part) for name, part in along.items()}
         self.tool_length, self.always, self.tip, self.lengthened = tool_length, tool_centre, tool_centre, False
         self.motion, self.plane, self.scale, self.incremental = "", PLANES["G17"], 1.0, False
         self.offset, self.tools = "", set[float]()
@@ -266,9 +268,9 @@ class _Program:
         position = {name: places[kept, i].copy() for i, name in enumerate(self.names)}
         for name, shift in zero.items():
             if name in position:
-                position[name] += shift
+                position[name] += np.where(tip[kept], 1.0, self.signs[name]) * shift
         if "Z" in position:
-            position["Z"] += lift[kept]
+            position["Z"] += self.signs["Z"] * lift[kept]
         return ToolPath(
             file, line[kept].astype(np.int64), position, tip[kept], self.tool_length, step, notes=self._notes()
         )
