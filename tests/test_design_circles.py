@@ -185,6 +185,14 @@ def test_planar_circles_with_a_direction_to_choose(tmp_path: Path) -> None:
     assert "circles of" in str(found)
 
 
+def test_an_axis_that_stands_still_limits_no_circle() -> None:
+    """C stands at 0, a degree from the end of its travel."""
+    axes = {**LEAN.axes, "C": replace(LEAN.axes["C"], travel=(-1.0, 365.0))}
+    options = {"radii": (50.0,), "feeds": (500.0, 1000.0), "rate_hz": 10.0, "count": 1}
+    found = plan_circles(replace(LEAN, axes=axes, text=""), OF_X[1:], family="planar", **options)
+    assert not any("the travel of C" in note for note in found.notes)
+
+
 def test_circles_have_a_sheet(tmp_path: Path) -> None:
     options = {"ratios": (1.2,), "feeds": (800.0,), "rate_hz": 20.0, "refine": False}
     found = plan_circles(LEAN, DRIVE[1:], count=1, **options)

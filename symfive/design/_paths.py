@@ -212,6 +212,8 @@ def _limits(machine: Machine, commands: Any, ball: Any, part: Any, rate: Any) ->
     found = []
     for i, name in enumerate(machine.axis_names):
         axis = machine.axes[name]
+        if commands[i].is_constant():
+            continue  # it stands still whatever the circle
         low, high = (value * axis.to_internal for value in machine.reach(name))
         travel = (commands[i] - low) / (high - low), (high - commands[i]) / (high - low)
         found += [(f"the travel of {name}", left) for left in travel]
