@@ -87,8 +87,8 @@ class Dialect:
     circle's blocks, by default one a turn.
     `tool_centre`: the lines that switch tool-centre control on, with the length of tool `{tool}`, and off, at the place
     `{words}`; None where they depend on the machine's configuration, for which `tool_centre_example` shows what may stand there.
-    `frame_of_start`: the word of a tool-centre mode whose X, Y and Z are in the workpiece frame as the table stands where it is
-    switched on; all others count from the table's axes at 0.
+    `frame_of_start`: their X, Y and Z are in the workpiece frame as the table stands where they are switched on, not with its
+    axes at 0.
     `inverse_time`: whether the control has G93, where F is 1/minutes of the block. Without it F is mm/min of the linear
     axes (degree/min where none moves) and the time stands in a comment: what F means with rotary axes in the block
     depends on the control's parameters.
@@ -115,7 +115,7 @@ class Dialect:
     arc: Callable[[Block], Sequence[str]] = _block_a_turn
     tool_centre: tuple[str, str] | None = None
     tool_centre_example: str = ""
-    frame_of_start: str = ""
+    frame_of_start: bool = False
     inverse_time: bool = True
     numbered: bool = False
     upper: bool = False

@@ -99,18 +99,17 @@ class Post:
 def worded(post: Post, dialect: Dialect) -> Post:
     """The decisions with the dialect's own words for tool-centre control, where it is wished and the user gives none. Raises
     `InputError` where they depend on the machine's builder."""
-    on, off = post.tool_centre_on, post.tool_centre_off
-    if post.tool_centre and not on:
-        if dialect.tool_centre is None:
-            problem = (
-                f"{dialect.name}: which lines switch tool-centre control with the ball's length depends on your machine"
-            )
-            raise InputError(
-                problem, remedy=f"give --tool-centre-on and --tool-centre-off, as {dialect.tool_centre_example}"
-            )
-        on, off = (text.replace("{tool}", str(post.tool_number)) for text in dialect.tool_centre)
-    as_it_stands = bool(dialect.frame_of_start) and dialect.frame_of_start in on
-    return replace(post, tool_centre_on=on, tool_centre_off=off, frame_of_start=as_it_stands)
+    if not post.tool_centre or post.tool_centre_on:
+        return replace(post, frame_of_start=False)
+    if dialect.tool_centre is None:
+        problem = (
+            f"{dialect.name}: which lines switch tool-centre control with the ball's length depends on your machine"
+        )
+        raise InputError(
+            problem, remedy=f"give --tool-centre-on and --tool-centre-off, as {dialect.tool_centre_example}"
+        )
+    on, off = (text.replace("{tool}", str(post.tool_number)) for text in dialect.tool_centre)
+    return replace(post, tool_centre_on=on, tool_centre_off=off, frame_of_start=dialect.frame_of_start)
 
 
 def collision_warning(machine: Machine, post: Post, runs: Sequence[Run]) -> tuple[str, ...]:

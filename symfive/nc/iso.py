@@ -69,6 +69,6 @@ ISO = Dialect(
     upper=True,
     digits=8,
     tool_centre=("G1 G43.4 H{tool} {words} F1", "G1 G49 {words} F1"),
-    frame_of_start="G43.4",
+    frame_of_start=True,
     cycle=CYCLE,
 )
