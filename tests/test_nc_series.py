@@ -45,6 +45,7 @@ def test_every_control_takes_the_names_of_its_files(folder: Path) -> None:
     names = {dialect: [path.stem for path in (folder / "nc" / dialect).iterdir()] for dialect in DIALECTS}
     assert len({len(found) for found in names.values()}) == 1
     assert all(re.fullmatch("[A-Z]{2}[A-Z0-9_]{0,22}", name) for name in names["siemens"])
+    assert DIALECTS["siemens"].file("1-c-x200-f500-ccw") == "RUN_1_C_X200_F500_CCW"
     assert all(re.fullmatch("[A-Za-z0-9._-]{1,24}", name) for name in names["heidenhain"])
     for path in (folder / "nc" / "heidenhain").iterdir():
         assert f"BEGIN PGM {path.stem.replace('-', '_').upper()} MM" in path.read_text()

@@ -180,7 +180,7 @@ class _Prober(ProbeWays):
         super().__init__(machine, run, post, probing)
         self.dialect = dialect
         self.cycle = cycle_of(dialect, post)
-        self.log = self.probing.log or self.cycle.log.format(run=run.id, name=program_name(run.id))
+        self.log = self.probing.log or self.cycle.log.format(run=run.id, name=dialect.file(program_name(run.id)))
 
     def steps(self) -> list[Step]:
         found = [

@@ -17,6 +17,12 @@ from symfive.nc._post import Post
 from symfive.nc._touch import NO_CONTACT, NO_LOG, ON_ITS_WAY, Cycle, Move, Touch
 
 
+def _file(name: str) -> str:
+    """The first two characters of a file's name are letters."""
+    stem = program_name(name)
+    return stem if stem[:2].isalpha() else f"RUN_{stem}"[:24]
+
+
 def _arc(arc: Block) -> list[str]:
     more = f" TURN={arc.turns - 1}" if arc.turns > 1 else ""
     return [f"{arc.code} {arc.words} {arc.offset}{more} F{arc.feed}"]
@@ -66,7 +72,7 @@ CYCLE = Cycle(
 SIEMENS = Dialect(
     name="siemens",
     suffix=".mpf",
-    file=program_name,
+    file=_file,
     head=("; {name}",),
     start=("G710 G17 G90 G94 G40 G500 D0", "TRANS", "M5", "G54"),
     rotary=("TRAFOOF", "TOROTOF", "PAROTOF"),
