@@ -102,6 +102,14 @@ def test_what_dominates_is_named(known: dict[str, float], index: bool, name: str
     assert f"; {name} dominates, and exactly known leaves" in said
 
 
+def test_what_indexing_leaves_is_not_indexed_again() -> None:
+    options = {"points": 40, "setups": 1, "starts": 1, "anywhere": False, "prove": False}
+    known = SetupSigma(tool_length=0.01)
+    made = plan(location_only("table-bc"), criterion="A", for_=("EX0B",), index=True, setup_sigma=known, **options)
+    (said,) = (note for note in made.notes if "the tool ball's run-out" in note)
+    assert "the noise of the spindle indexing leaves it" in said and "--index" not in said
+
+
 def test_the_fewer_poses_named_do_as_well() -> None:
     options = {"criterion": "V", "setups": 1, "starts": 1, "anywhere": False, "prove": False}
     made = plan(location_only("table-bc"), points=40, **options)

@@ -253,6 +253,16 @@ def test_the_tool_centre_stands_still_in_the_nest() -> None:
     assert min(float(word) for word in re.findall(r" R0 F([\d.]+)$", seated, flags=re.MULTILINE)) > 100.0
 
 
+@pytest.mark.parametrize("dialect", DIALECTS)
+def test_the_program_waits_no_time_of_nothing(dialect: str) -> None:
+    """The first pose is read again with the spindle turned, where the table of times leaves the turn alone."""
+    machine, run = RUNS[0]
+    twice = {name: q[[0, 0]] for name, q in run.commands.items()}
+    indexed = replace(run, time=np.array([0.0, 7.0]), commands=twice, spindle=np.array([0.0, 180.0]), readings={})
+    text = program(machine, indexed, dialect)
+    assert not re.search(r"(G4 [XPF]|DWELL )0\.000", text) and len(re.findall(r"(G4 [XPF]|DWELL )2\.000", text)) == 2
+
+
 def test_names_that_are_no_address() -> None:
     odd = replace(RUNS[2][0], name="brackets (and) 100 % ; {name}")
     assert "{" not in program(odd, RUNS[2][1], "iso")

@@ -35,8 +35,10 @@ def plan_notes(
 ) -> tuple[str, ...]:
     """Why its certificate is low, what dominates, what it counts on, what could not be rounded, where the instrument comes off,
     what the machine file lacks."""
+    indexed = any(run.spindle is not None for run in schedule.campaign.runs)
     return (
-        *_why_low(certificate, space.instrument, expected, given), *what_dominates(space, task, schedule.rows),
+        *_why_low(certificate, space.instrument, expected, given),
+        *what_dominates(space, task, schedule.rows, indexed=indexed),
         *_counts_on(schedule.campaign, expected, given), *_rounding_notes(space, schedule), *_notes(schedule),
     )  # fmt: skip
 
@@ -153,7 +155,7 @@ GROUPS = {error.name: error for error in SETUP_ERRORS}
 """Set-up errors that limit a plan, in words, with the remedy for each."""
 
 
-def what_dominates(space: Space, task: Task, rows: Rows) -> list[str]:
+def what_dominates(space: Space, task: Task, rows: Rows, *, indexed: bool = False) -> list[str]:
     """One sentence where the criterion hardly moves with the number of poses; nothing where it does, nor where there are fewer
     readings than unknowns: further poses then determine what repeated ones do not."""
     prior, count = task.prior_information(rows.groups), len(rows.z)
@@ -177,6 +179,8 @@ def what_dominates(space: Space, task: Task, rows: Rows) -> list[str]:
         if name in GROUPS
         else "no reading of this plan separates it from the set-up; another instrument may"
     )
+    if indexed and name == SETUP_ERRORS[0].name:
+        remedy = "the noise of the spindle indexing leaves it, and more set-ups average it (--setups)"
     worst = now - 2.0 * math.log(NOISE_HARDLY)
     few = next((n for n in range(least, count) if task.value(prior + n / count * read) <= worst), count)
     enough = f", {few} of the {count} do as well" if 2 * few <= count else ""

@@ -138,6 +138,8 @@ class Dialect:
 SPELLED = {"µ": "u", "°": " deg", "…": "...", "(": "[", ")": "]", ";": ",", "%": " ", '"': "'", "{": "[", "}": "]"}
 LONGEST = 70
 """Characters of a comment: with brackets and block number a line has fewer than 80, which every control shows and takes whole."""
+SHORTEST_S = 5e-4
+"""A dwell of less is written as none."""
 LEAST_FEED = 1e-3
 """mm/min or degree/min: the last digit of a feed without G93."""
 
@@ -188,6 +190,8 @@ def _lines(dialect: Dialect, step: Step, before: Mapping[str, float], *, timed: 
     if step.kind == "orient":
         return [line.format(angle=step.text) for line in dialect.orient]
     if step.kind == "dwell":
+        if step.seconds < SHORTEST_S:
+            return []
         return dialect.dwell.format(
             seconds=f"{step.seconds:.3f}", milliseconds=f"{1e3 * step.seconds:.0f}"
         ).splitlines()
