@@ -209,6 +209,8 @@ def test_tool_centre_control_is_switched_by_the_users_text() -> None:
     plain = [step for step in program_steps(machine, run) if step.row == 2][-1]
     turned = [step for step in program_steps(machine, run, post) if step.row == 2][-1]
     assert turned.positions["C"] == -plain.positions["C"] != 0.0
+    said = "the control turns c against iso 841: program and control have the opposite sign of"
+    assert said in "\n".join(lines).lower().replace("\n; ", " ")
     assert len(inside) == run.rows  # the control follows the ball itself: one block a pose
 
 

@@ -83,6 +83,10 @@ def test_tool_centre_control_comes_in_the_dialects_own_words(tmp_path: Path) -> 
     assert "In the program while tool-centre control is on X Y Z are of the tool ball" in (
         tmp_path / "plan/setup.html"
     ).read_text(encoding="utf-8")
+    made.write(tmp_path / "turned", nc=(), post=Post(reversed_axes=("C",)))
+    assert "The control turns C against ISO 841: program" in (tmp_path / "turned/setup.html").read_text(
+        encoding="utf-8"
+    )
     assert iso.index("G43.4 H7") < iso.index("SEAT BALL") < iso.rindex("G49")
     assert siemens.index("T7 D1\nTRAORI") < siemens.index("SEAT BALL") < siemens.rindex("TRAFOOF\nD0")
     assert not check(tmp_path / "plan")

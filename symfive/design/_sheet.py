@@ -17,7 +17,17 @@ from symfive.drawing import PAGE_STYLE, SCRIPT, poses_figure, templates
 from symfive.instruments import instruments_of, mounted
 from symfive.machine import Machine
 from symfive.moves import greatest_lean
-from symfive.nc import UNCHECKED, Post, addressed, collision_warning, series_name, series_of, upright_axis, which_point
+from symfive.nc import (
+    UNCHECKED,
+    Post,
+    addressed,
+    collision_warning,
+    series_name,
+    series_of,
+    turned_against,
+    upright_axis,
+    which_point,
+)
 from symfive.numbers import plain_number, unit_words
 from symfive.procedures import PAUSE_S, Nominal
 
@@ -100,6 +110,7 @@ def _steps(sheet: Sheet, run: Run, stands: str) -> list[str]:
     steps = ["Work offset: origin of the workpiece frame, with all rotary axes at 0."]
     if programmed:
         steps.append(f"In the program {which_point(machine, run, sheet.post)}.")
+        steps += [f"{said}." for said in turned_against(sheet.post)]
     if again is not None:
         held = mounted(run)[1]
         held = (

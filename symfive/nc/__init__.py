@@ -11,7 +11,7 @@ from symfive.errors import InputError
 from symfive.machine import Machine
 from symfive.nc._base import Dialect, Step, render
 from symfive.nc._pace import CAUTION, able, pace
-from symfive.nc._post import UNCHECKED, Post, collision_warning, which_point, worded
+from symfive.nc._post import UNCHECKED, Post, collision_warning, turned_against, which_point, worded
 from symfive.nc._probing import check_probing, cycle_of, probing_steps
 from symfive.nc._route import (
     Positions,
@@ -49,7 +49,7 @@ __all__ = [
     "along_arcs", "arrival_times", "at_the_top", "can_write", "check_addresses", "collision_warning", "dialect_of", "lifts",
     "one_by_one", "out_to_the_top", "outside_s", "over_the_top", "pace", "program", "program_steps", "series_name", "series_of",
     "stands", "top_of", "touch_reach",
-    "turned_home", "upright_axis", "which_point", "write_programs",
+    "turned_against", "turned_home", "upright_axis", "which_point", "write_programs",
 ]  # fmt: skip
 
 DIALECTS: dict[str, Dialect] = {dialect.name: dialect for dialect in (ISO, SIEMENS, HEIDENHAIN, LINUXCNC)}
@@ -83,6 +83,7 @@ def _text(
         f"read it and dry-run it {'' if run.dynamic else 'slowly '}without the instrument first",
         *collision_warning(machine, post, (run,)),
         which_point(machine, run, post),
+        *turned_against(post),
         dialect.datum,
         _first(dialect, machine, post),
     )

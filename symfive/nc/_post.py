@@ -164,3 +164,13 @@ def which_point(machine: Machine, run: Run, post: Post) -> str:
         f"from {on} to {off} X Y Z are of the {held} in the workpiece frame{frame}; its length {length} called by these "
         f"lines; elsewhere they are of {nose}, without a tool length"
     )
+
+
+def turned_against(post: Post) -> tuple[str, ...]:
+    """A sentence on the axes whose angles have the other sign in the programs than in the files and on the sheet."""
+    if not post.reversed_axes:
+        return ()
+    names = " and ".join(post.reversed_axes)
+    return (
+        f"The control turns {names} against ISO 841: program and control have the opposite sign of the plan's angles",
+    )
