@@ -11,7 +11,7 @@ from symfive.check import check
 from symfive.design import plan, plan_circles
 from symfive.effects import make_effect
 from symfive.errors import InputError
-from symfive.machine import Machine, preset, read_machine, write_machine
+from symfive.machine import Machine, Structure, preset, read_machine, write_machine
 from symfive.plausible import doubts
 from symfive.procedures import campaign_of, cone_circle, planar_circle, r_test_grid, rotary_circle, static_ball_bar
 
@@ -74,6 +74,17 @@ def test_the_centre_follows_from_the_axis_that_carries_the_table_or_is_given(tmp
     )
     with pytest.raises(InputError, match=r"table_centre = \[1.0\] is not 2 finite numbers"):
         replace(machine.workspace, table_centre=(1.0,))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("name", "error"), [("B", "EX0B"), ("C", "EX0C")])
+def test_an_axis_that_lies_in_the_plane_of_its_table_is_said(name: str, error: str) -> None:
+    """The table is the plane z = 0; that of a machine with a horizontal spindle is upright in this frame."""
+    whole = preset("table-bc")
+    axes = {axis: whole.axes[axis] for axis in (name, *"XYZ")}
+    code = Structure.parse(f"w {name}' X' Y' b Z t")
+    machine = replace(whole, structure=code, axes=axes, errors={error: whole.errors[error]}, text="")
+    made = plan(machine, points=3, setups=1, starts=1, returns=0, anywhere=False, prove=False)
+    assert any("the plane z = 0, in which axis B lies" in note for note in made.notes) is (name == "B")
 
 
 def test_travels_are_printed_as_they_are() -> None:

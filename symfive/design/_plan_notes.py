@@ -26,6 +26,8 @@ from symfive.optimal import Rows, Task
 
 NOISE_HARDLY = 0.95
 """Share of a 1σ from which what is left of it counts as all of it: what went is a tenth of the variance at most."""
+LYING = 0.1
+"""Sine of the angle to the table's plane below which an axis lies in it."""
 MORE = 4.0
 """So many times as many poses would halve every 1σ that noise causes."""
 
@@ -111,7 +113,13 @@ def _notes(schedule: Schedule) -> tuple[str, ...]:
     ]
     if schedule.campaign.machine.workspace.spindle_nose is None:
         notes.append("collisions were not checked: the machine file names no spindle nose ([workspace] spindle_nose)")
-    axes = schedule.campaign.machine.axes.items()
+    machine = schedule.campaign.machine
+    if machine.table_axis is not None and abs(machine.axes[machine.table_axis].direction[2]) < LYING:
+        notes.append(
+            f"the table is taken to be the plane z = 0, in which axis {machine.table_axis} lies: right for a tilting table; with "
+            "a rotary table before a horizontal spindle collisions were not checked"
+        )
+    axes = machine.axes.items()
     if silent := [name for name, axis in axes if axis.max_feed is None or axis.max_acceleration is None]:
         notes.append(
             f"the machine file names no max_feed or max_acceleration of {', '.join(silent)}: programs move as on a slow machine"
