@@ -158,8 +158,12 @@ def render(dialect: Dialect, name: str, steps: Sequence[Step], number: int = 1, 
     timed = dialect.inverse_time and bool(feeds) and not any(step.feed for step in feeds)
     lines += ["G93"] if timed else []
     before: Mapping[str, float] = {}
-    late = list(dialect.after_first_stop)
+    late, time = list(dialect.after_first_stop), ""
     for step in steps:
+        note = "" if timed else _block_time(step, before)
+        if note and note != time:  # once for all blocks that take as long
+            lines.append(dialect.comment.format(text=note))
+        time = note
         lines += _lines(dialect, step, before, timed=timed)
         if step.kind == "stop":
             lines += late
@@ -204,9 +208,13 @@ def _lines(dialect: Dialect, step: Step, before: Mapping[str, float], *, timed: 
         return [line.format(plane=PLANES[step.text]) for line in dialect.contour]
     if step.kind == "arc":
         return list(dialect.arc(_arc(dialect, step, before)))
+    return [dialect.feed.format(words=words, feed=_feed(dialect, step, before, timed=timed))]
+
+
+def _block_time(step: Step, before: Mapping[str, float]) -> str:
+    """How long a feed move takes in which a rotary axis turns."""
     turning = any(axis in "ABC" and value != before.get(axis, value) for axis, value in step.positions.items())
-    note = [dialect.comment.format(text=f"block time {step.seconds:.3f} s")] if turning and not timed else []
-    return [*note, dialect.feed.format(words=words, feed=_feed(dialect, step, before, timed=timed))]
+    return f"block time {step.seconds:.3f} s" if turning and step.kind == "feed" else ""
 
 
 PLANES = {"XY": "G17", "ZX": "G18", "YZ": "G19"}
