@@ -278,7 +278,7 @@ def test_a_plan_of_circles_says_units_repeats_and_what_it_cannot_see() -> None:
     assert re.search(r"µrad \(\D*100\)", text)
     repeat, slow = repeated.notes
     assert repeat == "circle 2 is a repeat of circle 1: no other candidate adds more"
-    assert re.match(r"expected 1σ count on white noise: slow noise of 0.3 µm .* up to [2-4].* times as large", slow)
+    assert re.match(r"the expected 1σ assume white noise: slow noise of 0.3 µm .* up to [2-4].* times as large", slow)
     blind = plan_circles(LEAN, DRIVE[1:], family="planar", count=1, **options)
     assert "do not determine backlash.C.width: axis C does not move in them" in str(blind)
     assert blind.to_data()["notes"] == list(blind.notes) and blind.notes[0].startswith("WARNING: ")

@@ -109,7 +109,7 @@ def test_plan_is_a_campaign_with_all_that_is_needed(made: Plan, tmp_path: Path) 
     assert page.count("<caption>The nest</caption>") == len(campaign.runs) == page.count("from axis C")
     assert page.count('<table class="poses-list">') == len(campaign.runs) and "then read dx_um, dy_um, dz_um" in page
     assert page.count("again pose 1, reading 2") == len(campaign.runs), "the return to the first pose"
-    assert page.count("within 1 mm: the readings determine its exact place") == len(campaign.runs)
+    assert page.count("within 1 mm: the readings determine its exact position") == len(campaign.runs)
     assert page.count("positive where the tool ball moves towards +x, +y and +z of the workpiece frame") == len(
         campaign.runs
     )

@@ -19,7 +19,7 @@ MACHINE = {"options": {"frame": "machine"}}
 KNOWN = {"setup_sigma_um": SetupSigma(zero=5.0)}
 CASES = {
     "bar": ("table-bc-ball-bar-48", {}, "MOUNT BAR, KEEP ITS ZERO", "known to 20 µm"),
-    "nest": ("table-bc-r-test-40", {}, "SEAT BALL, ZERO IT", "within 1 mm: the readings determine its exact place"),
+    "nest": ("table-bc-r-test-40", {}, "SEAT BALL, ZERO IT", "within 1 mm: the readings determine its exact position"),
     "nest at a known place": ("table-bc-r-test-40", KNOWN, "SEAT BALL, KEEP ITS ZERO", "known to 5 µm"),
     "head in the spindle": ("table-bc-r-test-40", MACHINE, "SEAT BALL, ZERO IT", "known to 20 µm"),
 }

@@ -208,7 +208,7 @@ def _planned(setups: int) -> Plan:
 @pytest.mark.slow
 def test_a_plan_says_what_it_counts_on_and_the_sheet_what_to_do(tmp_path: Path) -> None:
     made = _planned(2)
-    (note,) = [note for note in made.notes if "mounted anew" in note]
+    (note,) = [note for note in made.notes if "is remounted for every run" in note]
     stays = tuple(replace(run, mounting=SPINDLE) for run in made.campaign.runs)
     then = assess(replace(made.campaign, runs=stays)).sigma
     name = re.search(r"1σ of (\w+) is ([\d.]+) µm, not ([\d.]+) µm", note)
@@ -216,12 +216,12 @@ def test_a_plan_says_what_it_counts_on_and_the_sheet_what_to_do(tmp_path: Path) 
     assert then[name[1]] == pytest.approx(float(name[2]), rel=0.01)
     assert made.assessment.sigma[name[1]] == pytest.approx(float(name[3]), rel=0.01)
     made.write(tmp_path / "plan")
-    assert "out of the spindle and put it back" in (tmp_path / "plan" / "setup.html").read_text()
+    assert "Remount it in the spindle: " in (tmp_path / "plan" / "setup.html").read_text()
 
 
 @pytest.mark.slow
 def test_a_plan_of_one_run_counts_on_no_mounting() -> None:
-    assert not any("mounted anew" in note for note in _planned(1).notes)
+    assert not any("remounted" in note for note in _planned(1).notes)
 
 
 @pytest.mark.parametrize(

@@ -82,10 +82,10 @@ class Certificate:
     @property
     def says(self) -> str:
         """The certificate in one sentence."""
-        text = f"≥ {down(self.efficiency)} of the best any plan with {self.points} poses in these set-ups can do"
+        text = f"≥ {down(self.efficiency)} of the best plan with {self.points} poses in these set-ups"
         text += " (proved)" if self.proved else " (searched, not proved)"
         if self.anywhere is not None:
-            text += f", and ≥ {down(self.anywhere)} of the best with any set-ups in the workspace (searched on a grid of them)"
+            text += f", and ≥ {down(self.anywhere)} of the best with any set-ups in the workspace (searched on a grid)"
         return text
 
 

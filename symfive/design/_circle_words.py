@@ -19,7 +19,7 @@ from symfive.numbers import plain_number, unit_words
 from symfive.parameters import Parameter
 
 UNSEEN = 0.9
-"""A parameter whose 1σ stays above this share of its prior's is not seen."""
+"""A parameter whose 1σ stays above this share of its prior 1σ is not determined."""
 NOTHING = 0.05
 """Gains below this, per cent, are none."""
 STILL = 1e-6
@@ -102,7 +102,7 @@ def list_end_words(
 
 
 def slow_noise_words(campaign: Campaign, effects: Sequence[Effect], sought: Sequence[Parameter]) -> list[str]:
-    """What slow noise as large as the white one, and drives that are known to their priors, make of the expected 1σ."""
+    """Effect on the expected 1σ of slow noise as large as the white noise, and of drives known only to their priors."""
     known = {(effect.id, effect.axis) for effect in effects}
     lags = [lag for lag in nuisances(campaign.machine, delay=False) if (lag.id, lag.axis) not in known]
     white = campaign.runs[0].noise(campaign.runs[0].instrument[0])
@@ -114,15 +114,15 @@ def slow_noise_words(campaign: Campaign, effects: Sequence[Effect], sought: Sequ
     if worst is None or there[worst.name] < NOTICED * here[worst.name]:
         return []
     return [
-        f"expected 1σ count on white noise: slow noise of {white:g} µm ({SLOW_S:g} s) and the drives' priors in the machine file "
-        f"make them up to {there[worst.name] / here[worst.name]:.2g} times as large ({worst.name})"
+        f"the expected 1σ assume white noise: slow noise of {white:g} µm ({SLOW_S:g} s) and the drives' priors in the machine "
+        f"file make them up to {there[worst.name] / here[worst.name]:.2g} times as large ({worst.name})"
     ]
 
 
 def warnings_of(
     circles: Sequence[Circle], effects: Sequence[Effect], parameters: Sequence[Parameter], sigma: Mapping[str, float]
 ) -> list[str]:
-    """Circles that repeat an earlier one, and parameters that the circles do not see."""
+    """Circles that repeat an earlier one, and parameters that the circles do not determine."""
     shapes = [circle.shape for circle in circles]
     notes = [
         f"circle {i + 1} is a repeat of circle {shapes.index(shape) + 1}: no other candidate adds more"

@@ -55,9 +55,9 @@ def _why_low(certificate: Certificate, instrument: str, assessment: Assessment, 
         return [certificate.why_low]
     earlier = "" if given is None else " and the earlier ones"
     return [
-        f"{readings} readings{earlier} for {unknowns} unknowns of machine and set-up: they determine {assessment.rank} "
-        f"combinations, the priors the others; the bound allows more than {points} poses, so the certificate is low; more poses "
-        "raise it"
+        f"{readings} readings{earlier} for {unknowns} unknowns of machine and set-up determine {assessment.rank} combinations; "
+        f"the priors determine the rest. The bound allows more than {points} poses, so the certificate is low; more "
+        "poses raise it"
     ]
 
 
@@ -74,9 +74,9 @@ def _counts_on(campaign: Campaign, expected: Assessment, given: Campaign | None)
     if before == after:
         return []
     first = campaign.runs[0]
-    what = "tool ball and bar are mounted" if first.length is not None else "the tool ball is mounted"
-    what = "the probe is calibrated" if "touch_probe" in first.instrument else what
-    return [f"expected 1σ hold if {what} anew for every run; otherwise 1σ of {name} is {after}, not {before}"]
+    what = "tool ball and bar are remounted" if first.length is not None else "the tool ball is remounted"
+    what = "the probe is calibrated again" if "touch_probe" in first.instrument else what
+    return [f"the expected 1σ assume that {what} for every run; otherwise 1σ of {name} is {after}, not {before}"]
 
 
 def _rounding_notes(space: Space, schedule: Schedule) -> list[str]:
@@ -100,8 +100,8 @@ def _removals(schedule: Schedule, name: str, count: int) -> str:
     stops = " (program stops there)" if bar else ""
     seated = "bar on" if bar else f"{held.split()[-1]} in the nest" if stands == "nest" else f"{held} at the {stands}"
     return (
-        f"run {name}: {what} before {count} of the poses{stops}; no clear move with the {seated} was found, and another pose "
-        "would cost more information than time"
+        f"run {name}: {what} before {count} of the poses{stops}; no collision-free move with the {seated} was found, and other "
+        "poses would lose more information than they save time"
     )
 
 
@@ -116,13 +116,14 @@ def _notes(schedule: Schedule) -> tuple[str, ...]:
     machine = schedule.campaign.machine
     if machine.table_axis is not None and abs(machine.axes[machine.table_axis].direction[2]) < LYING:
         notes.append(
-            f"the table is taken to be the plane z = 0, in which axis {machine.table_axis} lies: right for a tilting table; with "
-            "a rotary table before a horizontal spindle collisions were not checked"
+            f"the table is assumed to be the plane z = 0, which contains axis {machine.table_axis}: correct for a tilting table; "
+            "for a rotary table with a horizontal spindle, collisions were not checked"
         )
     axes = machine.axes.items()
     if silent := [name for name, axis in axes if axis.max_feed is None or axis.max_acceleration is None]:
         notes.append(
-            f"the machine file names no max_feed or max_acceleration of {', '.join(silent)}: programs move as on a slow machine"
+            f"the machine file states no max_feed or max_acceleration of {', '.join(silent)}: "
+            "programs use those of a slow machine"
         )
     return tuple(notes)
 
@@ -148,12 +149,12 @@ SETUP_ERRORS = (
     ),
     SetupError("tool_length", "the tool's length", ("tool_ball.z",), "measure it (--tool-length-sigma)"),
     SetupError(
-        "table_ball", "the table ball's place", ("table_ball.x", "table_ball.y", "table_ball.z"),
+        "table_ball", "the table ball's position", ("table_ball.x", "table_ball.y", "table_ball.z"),
         "measure it (--table-ball-sigma)",
     ),
     SetupError(
-        "zero", "the nest's place in the workpiece frame", ("zero.x", "zero.y", "zero.z"),
-        "put it onto a calibrated place (--zero-sigma)",
+        "zero", "the nest's position in the workpiece frame", ("zero.x", "zero.y", "zero.z"),
+        "mount it at a calibrated position (--zero-sigma)",
     ),
     SetupError("length", "the bar's length", ("length",), "calibrate it (--bar-length-sigma)"),
 )  # fmt: skip
@@ -188,14 +189,14 @@ def what_dominates(space: Space, task: Task, rows: Rows, *, indexed: bool = Fals
         else "no reading of this plan separates it from the set-up; another instrument may"
     )
     if indexed and name == SETUP_ERRORS[0].name:
-        remedy = "the noise of the spindle indexing leaves it, and more set-ups average it (--setups)"
+        remedy = "the noise of the spindle indexing limits it; more set-ups average it (--setups)"
     worst = now - 2.0 * math.log(NOISE_HARDLY)
     few = next((n for n in range(least, count) if task.value(prior + n / count * read) <= worst), count)
     enough = f", {few} of the {count} do as well" if 2 * few <= count else ""
     return [
         f"more poses in these set-ups hardly help{enough}: {task.criterion.name} is {_size(task, now)}, with {MORE:g} times as "
-        f"many {_size(task, more)}; {name}{sigma.get(name, '')} dominates, and exactly known leaves {_size(task, known[name])}: "
-        f"{remedy}"
+        f"many {_size(task, more)}; {name}{sigma.get(name, '')} dominates; if it were known exactly, {_size(task, known[name])} "
+        f"would remain: {remedy}"
     ]
 
 

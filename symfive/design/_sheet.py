@@ -36,9 +36,9 @@ DRY_RUN = "Dry-run the programs without the instrument first."
 
 @dataclass(frozen=True, kw_only=True)
 class Sheet:
-    """What a sheet is about: the `campaign` without readings, `post` what the user decided about its programs, `facts` for the
-    head, `worth` a sentence, the `assessment` (without it nothing is expected), `notes` about the ways, `part` what to
-    expect along the part that it is for."""
+    """Content of a sheet: the `campaign` without readings, `post` the user's choices for its programs, `facts` for the
+    head, `worth` a sentence, the `assessment` (None: no expected uncertainty), `notes` on the moves, `part` the expected
+    error along the part."""
 
     campaign: Campaign
     post: Post
@@ -70,7 +70,7 @@ def setup_sheet(sheet: Sheet, pictures: Mapping[str, str], programs: Sequence[st
 
 
 def _facts(sheet: Sheet) -> str:
-    """Instruments, how much there is to read, how long it takes."""
+    """Instruments, number of readings, time."""
     runs = sheet.campaign.runs
     used = _names(name for run in runs for name in run.instrument)
     minutes = sum(_minutes(sheet, run) for run in runs)
@@ -104,7 +104,7 @@ def _run(sheet: Sheet, nominal: Nominal, run: Run) -> dict[str, Any]:
 
 
 def _steps(sheet: Sheet, run: Run, stands: str) -> list[str]:
-    """What is to be done, in its order."""
+    """What the operator does, in order."""
     machine, again = sheet.campaign.machine, mounted_before(sheet.campaign.runs, run)
     programmed, stays = addressed(machine), _stays(sheet, run)
     steps = ["Work offset: origin of the workpiece frame, with all rotary axes at 0."]
@@ -113,28 +113,26 @@ def _steps(sheet: Sheet, run: Run, stands: str) -> list[str]:
         steps += [f"{said}." for said in turned_against(sheet.post)]
     if again is not None:
         held = mounted(run)[1]
-        held = (
-            "calibrate the probe again" if "touch_probe" in run.instrument else f"take the {held} out and put it back"
-        )
-        anew = f"remove the {stands} and mount it again, {held} (new set-up errors)"
+        held = "calibrate the probe again" if "touch_probe" in run.instrument else f"remount the {held}"
+        anew = f"remount the {stands}, {held} (new set-up errors)"
         steps.append(f"The same mounting as for run {again.id}: {'leave everything in place' if stays else anew}.")
     if stands and not stays:
         steps += _place(run, stands)
         _, held = mounted(run)
         steps.append(f"{held[0].upper()}{held[1:]} at {-run.tool_ball[2]:.0f} mm below the spindle nose.")
     if stands and again is None and (before := _same_tool(sheet.campaign, run)) is not None:
-        anew = "Calibrate it again" if "touch_probe" in run.instrument else "Take it out of the spindle and put it back"
+        anew = "Calibrate it again" if "touch_probe" in run.instrument else "Remount it in the spindle"
         steps.append(
-            f"{anew}: expected uncertainties count on a new error of it. If it stays as in run {before}, write "
+            f"{anew}: the expected uncertainties assume that its set-up error is new. If it stays as in run {before}, write "
             'mounting = { tool_ball = "1" } into both runs in campaign.toml.'
         )
     if run.length is not None and not stays:
         steps.append(
-            f"Bar of {run.length:g} mm: enter its calibrated length. Readings count from it; do not set them to zero."
+            f"Bar of {run.length:g} mm: enter its calibrated length. Readings are relative to it; do not set them to zero."
         )
     if run.spindle is not None:
         steps.append(
-            "The spindle is oriented: the run-out of the tool ball is read at "
+            "The spindle is indexed: the run-out of the tool ball is read at "
             f"{' and '.join(f'{angle:g}°' for angle in np.unique(run.spindle))}. Where the program stops for it, turn the "
             "spindle by hand; the ball stays in the nest."
         )
@@ -146,23 +144,23 @@ def _steps(sheet: Sheet, run: Run, stands: str) -> list[str]:
     for series in series_of(machine, sheet.campaign.runs):
         if run in series:
             steps.append(
-                f"Or the program {series_name(series)}: the {len(series)} circles of this mounting, the bar stays mounted."
+                f"Or run the program {series_name(series)}: the {len(series)} circles of this mounting; the bar stays mounted."
             )
     return steps + _moves(machine, sheet.post)
 
 
 def _same_tool(campaign: Campaign, run: Run) -> str | None:
-    """The first of the earlier runs with the same tool ball, whose error a campaign takes for another one."""
+    """The first earlier run with the same tool ball; the campaign gives each run an error of its own."""
     return next((ids[0] for ids in campaign.alike("tool_ball") if run.id in ids[1:]), None)
 
 
 def _place(run: Run, stands: str) -> list[str]:
-    """Where the ball or nest stands on the table, and how well this has to be known."""
+    """Position of the ball or nest on the table, and how well it must be known."""
     x, y, z = (f"{v:.1f}".removesuffix(".0") for v in run.table_ball)
     there = f"Mount the {stands} at x = {x}, y = {y}, z = {z} mm of the workpiece frame"
     sigma, (_, held) = next(i.place_sigma(run) for i in instruments_of(run) if i.stands), mounted(run)
     if sigma is None:
-        return [f"{there}, within 1 mm: the readings determine its exact place."]
+        return [f"{there}, within 1 mm: the readings determine its exact position."]
     found = (
         f"{there}, within 1 mm. Probe its centre with all rotary axes at 0 and compare with what the control shows there (below)."
         if "touch_probe" in run.instrument  # no tip gets into a sphere
@@ -170,64 +168,65 @@ def _place(run: Run, stands: str) -> list[str]:
     )
     return [
         found,
-        f"The evaluation takes this place as known to {plain_number(sigma)} µm (1σ). If it stands elsewhere, by up to 1 mm, "
-        f"write where into table_ball of run {run.id} in campaign.toml; if you know it less well, write so into setup_sigma_um.",
+        f"The evaluation assumes that this position is known to {plain_number(sigma)} µm (1σ). If the {stands} is off by up to "
+        f"1 mm, enter its position as table_ball of run {run.id} in campaign.toml. If you know it less well, enter 1σ in "
+        "setup_sigma_um.",
     ]
 
 
 def _start(sheet: Sheet, run: Run) -> list[str]:
-    """How the program is started, and what comes back from it."""
+    """How to start the program, and which readings it gives."""
     if "r_test" in run.instrument:
         record = ["Start the recording there, then let the program go on."] if run.dynamic else []
         zeroed = all(instrument.zeroed(run) for instrument in instruments_of(run))
         stands, held = mounted(run)
         moved = held.split()[-1]
-        there = "you seat the ball" if moved == "ball" else "you bring it to the ball"
+        seat = "seat the ball" if moved == "ball" else "bring it to the ball"
         return [
-            f"{stands[0].upper()}{stands[1:]} and {held} are mounted before the program of run {run.id} starts. It stops with "
-            f"the {moved} away from the {stands}, and again where {there}"
-            f"{' and set its readings to zero' if zeroed else ''}.",
+            f"Mount {stands} and {held} before you start the program of run {run.id}. It stops with "
+            f"the {moved} clear of the {stands}, and again for you to {seat}"
+            f"{' and set the readings to zero' if zeroed else ''}.",
             *(
                 []
                 if zeroed
                 else [
-                    f"Readings are zero with the {moved} at the known place of the {stands}; do not set them to zero."
+                    f"Readings are zero with the {moved} at the known position of the {stands}; do not set them to zero."
                 ]
             ),
             *record,
             _signs(run),
         ]
     if "touch_probe" not in run.instrument:
-        start = f"Start the program of run {run.id}; it stops where you mount the instrument."
+        start = f"Start the program of run {run.id}; it stops for you to mount the instrument."
         mount = "Mount the bar and start its recording there, then let the program go on."
         return [start, *([mount] if "ball_bar" in run.instrument and run.dynamic else [])]
     space = sheet.campaign.machine.workspace
     return [
         f"Sphere of radius {space.sphere_radius:g} mm, tip of radius {space.tip_radius:g} mm, probe switched on, spindle locked.",
-        f"Start the program of run {run.id}; it stops above the sphere, then touches it. Its header names the log.",
-        "Bring the log back and import it: symfive import-touches PLAN LOG -o measured.",
+        f"Start the program of run {run.id}; it stops above the sphere, then probes it. Its header names the log.",
+        "Copy the log and import it: symfive import-touches PLAN LOG -o measured.",
     ]
 
 
 def _lean(machine: Machine, run: Run, stands: str) -> str:
-    """How far the tool leans from the axis of an R-test's nest, and how far it may."""
+    """Tilt of the tool from the axis of an R-test's nest, and its limit."""
     opening = machine.workspace.nest_opening
-    leans = f"The tool leans up to {greatest_lean(machine, run):.0f}° from the upright axis of the {stands}"
+    tilts = f"The tool tilts up to {greatest_lean(machine, run):.0f}° from the upright axis of the {stands}"
     if opening is not None:
-        return f"{leans}; it may lean {opening:g}° (nest_opening)."
-    return f"{leans}: check that its sensors leave room for that, or state nest_opening in [workspace] and plan again."
+        return f"{tilts}; {opening:g}° are allowed (nest_opening)."
+    return f"{tilts}: check that its sensors leave room for that, or state nest_opening in [workspace] and plan again."
 
 
 def _signs(run: Run) -> str:
-    """Which way the readings of an R-test count."""
+    """Sign of an R-test's readings."""
     frame, moved = run.options.get("frame", "workpiece"), "tool ball"
     if run.options.get("sense") == "table-tool":
         moved = "table's ball"
     if "directions" in run.options:
         return (
-            f"Each sensor counts positive where the {moved} moves along its direction in campaign.toml ({frame} frame)."
+            f"Each sensor reads positive when the {moved} moves along its direction in campaign.toml ({frame} frame)."
         )
-    return f"dx, dy and dz count positive where the {moved} moves towards +x, +y and +z of the {frame} frame."
+    return f"dx, dy and dz are positive when the {moved} moves towards +x, +y and +z of the {frame} frame."
 
 
 def _moves(machine: Machine, post: Post) -> list[str]:
@@ -237,14 +236,14 @@ def _moves(machine: Machine, post: Post) -> list[str]:
     turned, home = (f"{rotary}, then ", f", then {rotary} to 0") if rotary else ("", "")
     top = f"machine coordinate {post.machine_top:g} (ISO: its reference point)"
     return [
-        f"First moves, not checked for collisions: {up} alone to the top of its travel, {top}, then {turned}the plane, then {up} "
-        "down; the program stops before the slow move into position.",
+        f"First moves, not checked for collisions: {up} alone to the top of its travel, {top}, then {turned}the axes of the "
+        f"plane, then {up} down; the program stops before the slow move into position.",
         f"Last moves: back along the same path, no tool offset, {up} alone to the top{home}.",
     ]
 
 
 def _ball_positions(nominal: Nominal, run: Run, stands: str) -> dict[str, Any]:
-    """Where it stands: in the workpiece frame, by the positions of the linear axes, and seen from each rotary axis."""
+    """Its position in the workpiece frame, from each rotary axis, and as the linear axes show it."""
     axes = nominal.machine.axes
     rows = [("workpiece frame", [*map(digits, run.table_ball), ""])]
     rows += [
@@ -302,7 +301,7 @@ def _unchecked(sheet: Sheet) -> str:
 
 
 def _thickness(sheet: Sheet) -> list[tuple[str, float | None]]:
-    """Bodies of some radius, mm."""
+    """Bodies with their radius, mm; None: a line."""
     workspace = sheet.campaign.machine.workspace
     bodies = [("post", workspace.post_radius), ("tool", workspace.tool_radius)]
     if any("ball_bar" in run.instrument for run in sheet.campaign.runs):
@@ -326,11 +325,11 @@ def _clearances(sheet: Sheet) -> str:
         return "Not checked; see above."
     words = ", ".join(f"{key} {value:g} mm" for key, value in workspace.spindle_nose.items())
     thick = ", ".join(
-        f"{name} {'a line' if radius is None else f'of radius {radius:g} mm'}" for name, radius in _thickness(sheet)
+        f"{name} ({'a line' if radius is None else f'radius {radius:g} mm'})" for name, radius in _thickness(sheet)
     )
     untested = " ".join(collision_warning(sheet.campaign.machine, post, sheet.campaign.runs)[1:])
     return (
-        f"Spindle nose as a cylinder ({words}), {thick} and {_table(sheet)} keep {workspace.clearance:g} mm apart, and linear "
-        "axes as much off the ends of their travel, at every pose and on every move of the programs from above the first pose to "
-        f"above the last; less only where the instrument itself comes near. {untested} {DRY_RUN}"
+        f"Spindle nose (a cylinder: {words}), {thick} and {_table(sheet)} keep {workspace.clearance:g} mm apart, and linear "
+        f"axes {workspace.clearance:g} mm from the ends of their travel, at every pose and on every move of the programs from "
+        f"above the first pose to above the last; less only where the measurement itself needs it. {untested} {DRY_RUN}"
     )

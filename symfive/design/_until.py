@@ -115,7 +115,7 @@ def _out_of_reach(most: Plan, limits: Mapping[str, float], given: Campaign | Non
     if known[best] > NOISE_HARDLY * still:
         problem = f"{words}, since the readings cannot separate it from other errors"
         return InputError(problem, remedy="use another instrument, or more set-ups (--setups)")
-    problem = f"{words}; {best.name} limits it, and exactly known leaves {plain_number(known[best])} {unit}"
+    problem = f"{words}; {best.name} limits it; known exactly, it leaves {plain_number(known[best])} {unit}"
     return InputError(problem, remedy=f"{best.remedy}, or allow more set-ups (--setups)")
 
 

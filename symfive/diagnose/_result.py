@@ -396,5 +396,7 @@ class Diagnosis(OnScreen):
         ratio = self._change(fit.chi2_dof_before, fit.chi2_dof_after)
         lines.append(f"chi²/dof {ratio} against the declared noise ({expected_ratio(self.after.dof)})")
         if self.findings:
-            lines.append("±: 1σ (k = 1), if the names are right. Confidence: among catalogue and unidentified effects.")
+            lines.append(
+                "± is 1σ (k = 1), if the names are right. Confidence: against all named and unidentified effects."
+            )
         return [*lines, *(line for said in self.proof for line in wrapped("", said))]

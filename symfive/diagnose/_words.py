@@ -45,7 +45,7 @@ def facts_of(finding: Finding, after: Identification) -> dict[str, str]:
         "where": f"in {place_words(finding, machine)}, over {coordinate_words(finding.coordinate)}, {_runs(finding, after)}",
         "how large": ", ".join(sizes),
         "how sure": ", or ".join([_sure(finding, machine) + _component_is_open(finding), *rivals]),
-        "costs": f"{percent(finding.share)} of the deviation (mean square)",
+        "share": f"{percent(finding.share)} of the deviation (mean square)",
         "hidden by": "; ".join(hidden),
         "not separated": f"from {', '.join(form_words(key, machine) for key in finding.alias)}"
         if finding.alias

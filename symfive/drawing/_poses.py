@@ -170,7 +170,8 @@ def _names(poses: Sequence[_Poses]) -> str:
 
 def _caption(poses: Sequence[_Poses]) -> str:
     drawn, rows = sum(len(p.ball) for p in poses), sum(p.run.rows for p in poses)
-    said = "The poses as the workpiece sees them: its frame and table, large dots for the balls on the table, small ones for "
-    said += "the ball of the tool, thin lines up along the tool, lines between the balls for bars."
+    said = "The poses in the workpiece frame. Large dots: table balls; small dots: tool ball; thin lines: tool axis; lines "
+    said += "between balls: bar."
     said += f" {drawn} of {rows} rows are drawn, with fewer lines." if drawn < rows else ""
-    return f'{said} <span class="hint">Drag or use the arrow keys to turn it, Home to go back; a name shows its run alone.</span>'
+    hint = "Drag or use the arrow keys to turn the view, Home to reset it. A name shows its run alone."
+    return f'{said} <span class="hint">{hint}</span>'

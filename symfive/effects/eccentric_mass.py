@@ -30,7 +30,7 @@ class EccentricMass(Effect):
 
     id = "eccentric_mass"
     says = "an eccentric mass tilts the table as it turns"
-    hidden_by = "axis tilt and tilt error motion; the mass moved by half a revolution separates them"
+    hidden_by = "axis tilt and tilt error motion; moving the mass by half a revolution separates them"
     action = "balance or move the mass on the table; check the bearing of the table"
     coordinate = "{axis}"
     reported_as = "error_motion"

@@ -47,7 +47,7 @@ class ErrorMotion(Effect):
     id = "error_motion"
     says = "an error motion missing from the machine file"
     hidden_by = (
-        "others with the same readings on one circle (straightness, pitch); a second place or height separates them"
+        "others with the same readings on one circle (straightness, pitch); a second position or height separates them"
     )
     action = "enter it in the error table of the axis; if it exceeds the tolerance, check guideway or bearing"
     coordinate = "{axis}"

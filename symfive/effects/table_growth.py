@@ -26,7 +26,7 @@ class TableGrowth(Effect):
     id = "table_growth"
     over_time = True
     says = "the table, or the post on it, grows as it warms and carries the ball away"
-    hidden_by = "the table ball's place, a location error, the bar's length"
+    hidden_by = "the table ball's position, a location error, the bar's length"
     action = "warm the rotary table up before you measure or machine; steady the temperature of what stands on it"
     coordinate = "t"
     reported_as = "thermal_drift"

@@ -40,7 +40,7 @@ class ThermalDrift(Effect):
     over_time = True
     says = "tool relative to table drifts with time"
     hidden_by = (
-        "location errors (89 % of it) and the bar's own growth; the first pose repeated at the end separates them"
+        "location errors (89 % of it) and thermal growth of the bar; the first pose repeated at the end separates them"
     )
     action = "warm the machine up or steady its temperature, then repeat the test"
     coordinate = "t"

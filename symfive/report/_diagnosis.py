@@ -35,7 +35,7 @@ from symfive.report._tables import noise_table, outlier_table, setup_table, stan
 from symfive.screen import plural
 
 NAME = "report.html"
-IN_SHORT = ("where", "how large", "how sure", "costs")
+IN_SHORT = ("where", "how large", "how sure", "share")
 """What the verdict says of each finding, before what to do; its card has the rest."""
 _READING = (
     "Residual over the coordinate named below. Left, before: the line is this effect, and the coloured dots should follow it "
@@ -88,8 +88,8 @@ def _tiles(diagnosis: Diagnosis) -> list[tuple[str, str]]:
         else ("residual RMS", f"{after} {unit}"),
         ("estimated noise (1σ of one reading)", f"{plain_number(diagnosis.noise_um, unit)} {unit}"),
         ("χ²/dof", f"{plain_number(diagnosis.fit.chi2_dof_after)} ({expected_ratio(diagnosis.after.dof)})"),
-        ("p-value of “the model is complete”", power_of_ten(diagnosis.p_value)),
-        ("false-alarm rate, nothing named", percent(diagnosis.false_alarms)),
+        ("p-value of “nothing is missing”, before", power_of_ten(diagnosis.p_value)),
+        ("false-alarm rate of the general tests", percent(diagnosis.false_alarms)),
         ("effects tested", str(len(diagnosis.observability))),
     ]
     if diagnosis.geometry_share > SHOWN_SHARE:
@@ -105,7 +105,7 @@ def _cards(diagnosis: Diagnosis, findings: Sequence[Finding], figures: Path) -> 
         picture = placed(f"finding-{number}-residual", f"{finding.title}: residual before and after", _READING,
                           partial(finding_figure, diagnosis, finding, visible, _others(parts, number - 1)), figures)  # fmt: skip
         facts = facts_of(finding, diagnosis.after)
-        alike = [f"in this test not separated {facts['not separated']}"] if finding.alias else []
+        alike = [f"not separated in this test {facts['not separated']}"] if finding.alias else []
         to_do = [f"to do: {facts['what to do']}"] if "what to do" in facts else []
         short = "; ".join([*(facts[question] for question in IN_SHORT), *alike, *to_do])
         cards.append({"title": finding.title, "short": short, "card": card(number, finding, diagnosis, picture)})

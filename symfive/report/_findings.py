@@ -71,18 +71,16 @@ def _sight(diagnosis: Diagnosis) -> str:
     found = {finding.effect.key for finding in diagnosis.findings}  # larger than usual, then
     weak = (o for o in diagnosis.observability if o.sigmas < FAINT_SIGMAS and o.form not in found)
     faint = [form_words(o.form, machine) for o in weak]
-    said = f"{len(diagnosis.observability)} effects were tested"
+    said = f"{len(diagnosis.observability)} effects were tested (report.html lists all)."
     if faint:
         more = f" and {len(faint) - SHOWN_FAINT} more" if len(faint) > SHOWN_FAINT else ""
-        said += f"; {len(faint)} of usual size would be invisible in this test: {', '.join(faint[:SHOWN_FAINT])}{more}"
-    if diagnosis.classes:
-        group = "group" if len(diagnosis.classes) == 1 else "groups"
-        said += f"; {len(diagnosis.classes)} {group} of them cannot be separated"
-    said += " (report.html lists all)"
+        said += f" {len(faint)} of usual size would be invisible in this test: {', '.join(faint[:SHOWN_FAINT])}{more}."
+    if groups := len(diagnosis.classes):
+        said += f" This test cannot separate the effects within {'one group' if groups == 1 else f'each of {groups} groups'}."
     alike = may_have_stayed(diagnosis.after)
     if alike:
         said += (
-            f". Set-up errors count as new in every run; if {' and '.join(alike)} stayed mounted in runs that state the same "
-            "place, say so (mounting in campaign.toml): then they absorb less"
+            f" Set-up errors count as new in every run. If {', '.join(alike)} stayed mounted from run to run, enter it "
+            "(mounting in campaign.toml): then set-up errors absorb less."
         )
     return said

@@ -176,14 +176,14 @@ def worth_section(
         best = max(worth.circles.values(), default=math.nan)
         rows.append([name, _share(worth.readings), _share(best), _share(worth.tool), worth.advice])
     heads = [
-        "corrected alone",
-        "of the readings' deviation",
-        "of a circle's, at most",
-        "of the error at the tool",
+        "correction",
+        "readings",
+        "circle, at most",
+        "error at the tool",
         "advice",
     ]
     head = Markup('<h2 id="worth">What a correction is worth</h2>\n')
-    return head + table("Share of the rms that disappears; negative: it grows", heads, rows)
+    return head + table("How much each correction alone lowers the rms (negative: raises)", heads, rows)
 
 
 def _share(share: float | None) -> Cell:

@@ -49,7 +49,7 @@ def _of_run(machine: Machine, run: Run, turned: list[str]) -> list[StandardValue
         "feed": f"{turned[0]} at most {plain_number(speed)} °/min" if run.dynamic else "static readings",
         "direction": _sense(run, turned[0]), "readings": str(run.rows), **place_of(machine, run),
     }  # fmt: skip
-    limits = ["as read: the eccentricity of the set-up is in the range"]
+    limits = ["as read: the range includes the eccentricity of the set-up"]
     if not run.dynamic:
         limits.append("static readings: the standard measures in motion")
     values = []
