@@ -71,7 +71,7 @@ class Check(OnScreen):
 
 
 def check(path: Path | str) -> Check:
-    """All problems and notes of a machine file, a campaign's folder or its `campaign.toml`, which is read to its end.
+    """All problems and notes of a machine file, a campaign folder or its `campaign.toml`: reading goes on after a problem.
 
     Raises `InputError` only where there is no such file.
     """

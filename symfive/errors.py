@@ -15,10 +15,10 @@ MOST = 800
 class InputError(ValueError):
     """An error that the user can correct, in one sentence with its place and remedy.
 
-    Arguments: `problem` (what is wrong), `remedy` (what to change), and where: `path`, `line` and `column`
-    (both counted from 1) as far as they are known, and `keys`, the path of the key in the data: names of tables and keys,
-    numbers (from 0) of entries, as `("run", 2, "length")`. Who checks a value gives its key, who reads a file prefixes
-    where the value stands in it (`inside`) and adds the line. `str(error)` is ready to be printed to the user.
+    Arguments: `problem` (what is wrong), `remedy` (what to change), and the place: `path`, `line` and `column`
+    (both counted from 1) where they are known, and `keys`, the path of the key in the data: names of tables and keys,
+    numbers (from 0) of entries, e.g. `("run", 2, "length")`. The check of a value gives its key; the reader of the file
+    prefixes the keys above it (`inside`) and adds the line. `str(error)` is the sentence for the user.
     """
 
     def __init__(

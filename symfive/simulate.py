@@ -61,9 +61,9 @@ def simulate(
 ) -> Simulation:
     """Simulated readings of a plan, with the declared white noise.
 
-    `plan` a campaign, a plan, or the path of its folder;
-    `truth` gives true values by name; what it does not name is drawn from its prior. The same `seed` gives the same
-    machine and the same noise. Raises `InputError` for a name that the model does not have.
+    `plan`: a campaign, a plan, or the path of its folder; `truth`: true values by name; all other parameters are drawn from
+    their priors. The same `seed` gives the same machine and the same noise. Raises `InputError` for a name that the model
+    does not have.
     """
     plan, effects = campaign_given(plan), tuple(effects)
     model = Model(plan, effects)

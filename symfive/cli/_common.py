@@ -115,7 +115,7 @@ dialects = click.option(
 )
 as_json = flag("--json", "as_json", help="Print the result as JSON.")
 quiet = flag("-q", "--quiet", help="Print nothing but errors and the result.")
-scheduler = click.option("--scheduler", help="A Dask scheduler instead, as tcp://host:8786.")
+scheduler = click.option("--scheduler", help="A Dask scheduler instead, e.g. tcp://host:8786.")
 
 
 def cut(verb: Callable[..., None]) -> Callable[..., None]:

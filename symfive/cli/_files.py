@@ -67,7 +67,7 @@ def import_polar(
 ) -> None:  # fmt: skip
     """Import deviation over angle of a ball bar. A campaign; positions are reconstructed.
 
-    Of circles that were planned, the plan's folder says radius, feed, centre and plane; a file has the name of its run, or
+    For planned circles, radius, feed, centre and plane come from the plan's folder; a file has the name of its run, or
     there is one for each run, in their order.
     """
 
@@ -223,7 +223,7 @@ def _of_the_plan(plan: Campaign, path: Path, files: Sequence[Path], names: Seque
 @cli.text("--code", help="The structural code, as \"w C' B' X' Y' b Z t\", where the document has none.")
 @cli.quiet
 def import_mtconnect(probe: Path, output: Path, device: str, code: str, quiet: bool) -> None:
-    """Begin a machine file from an MTConnect probe. Comments mark missing values."""
+    """Start a machine file from an MTConnect probe. Comments mark missing values."""
     from symfive.importers import read_mtconnect
     from symfive.importers.mtconnect import TO_DO
     from symfive.machine import write_machine

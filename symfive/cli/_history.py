@@ -29,7 +29,7 @@ def history() -> None:
 @history.command(epilog="Example: symfive history add results/ --date 2026-03-04 --temperature 21.5 --serial A17")
 @click.argument("results", type=cli.PATH, nargs=-1, required=True, help="Result folders, or folders that contain some.")
 @where
-@click.option("--date", help="When it was measured, as 2026-03-04 or 2026-03-04T08:30 (UTC); else the files' time.")
+@click.option("--date", help="When it was measured, e.g. 2026-03-04 or 2026-03-04T08:30 (UTC); else the files' time.")
 @cli.text("--serial", help="Serial number: two machines may have the same name.")
 @click.option("--as-found", "stage", flag_value="as-found", help="Before an adjustment.")
 @click.option("--as-left", "stage", flag_value="as-left", help="After it: the levels of the errors are reset.")

@@ -24,11 +24,11 @@ from symfive.separated import SMALLEST
 )
 @click.option("--criterion", help="D (default), A, E, G (with --part the default) or V.")
 @click.option("--points", type=cli.COUNT, help="Number of poses (default: 40, with --minutes as many as fit).")
-@cli.text("--for", "wanted", help="Errors to determine, as EX0C,EY0C,EXC (default: all).")
+@cli.text("--for", "wanted", help="Errors to determine, e.g. EX0C,EY0C,EXC (default: all).")
 @click.option(
     "--part",
     type=cli.PATH,
-    help="A tool path, an NC program (ISO, LinuxCNC) or a CSV of poses: least expected error of the tool along it.",
+    help="Smallest expected tool error along this tool path: an NC program (ISO, LinuxCNC) or a CSV of poses.",
 )
 @cli.positive("--part-tool", help="With --part: mm from spindle nose to tip (default: middle of tool_length).")
 @click.option(
@@ -46,14 +46,14 @@ from symfive.separated import SMALLEST
 @click.option(
     "--until",
     multiple=True,
-    help="Fewest poses (at most --points) until NAME=1σ is expected, as EX0C=2um; may be repeated.",
+    help="Fewest poses (at most --points) until NAME=1σ is expected, e.g. EX0C=2um; may be repeated.",
 )
 @cli.positive("--minutes", help="Time budget in minutes, set-up included.")
 @cli.flag("--per-minute", help="The poses with most information per minute.")
-@click.option("--setups", type=cli.COUNT, help="Most positions of nest or balls; of all instruments together.")
+@click.option("--setups", type=cli.COUNT, help="Most mountings (positions of nest or balls), all instruments together.")
 @cli.positive("--bar", "bars", multiple=True, help="Length in mm of a bar you own; may be repeated.")
 @click.option("--repeats", type=cli.COUNT, default=1, help="Readings of each pose.")
-@click.option("--returns", type=cli.COUNT, default=2, help="Visits back to the first pose of a run, against drift.")
+@click.option("--returns", type=cli.COUNT, default=2, help="Returns to the first pose of each run, against drift.")
 @cli.positive("--noise-um", default=0.3, help="1σ of one reading, from the instrument's data sheet.")
 @cli.positive("--tool-ball-sigma", help="1σ of the tool ball across the spindle's axis, µm (usual: 20).")
 @cli.positive("--tool-length-sigma", help="1σ of the tool ball along the spindle's axis, µm (usual: as across).")
@@ -76,7 +76,7 @@ from symfive.separated import SMALLEST
 @click.option(
     "--sweep",
     type=cli.Number(SMALLEST, 360.0),
-    help="With --circles iso-230-4: degree of the arc, 360 or less, as 220.",
+    help="With --circles iso-230-4: arc in degrees, 360 or less, e.g. 220.",
 )
 @cli.flag(
     "--in-motion",
@@ -94,37 +94,41 @@ from symfive.separated import SMALLEST
     "--correlation-s",
     help="With --in-motion or --circles iso-230-4: correlation time of the slow noise, s (default 1).",
 )
-@click.option("--effect", "effects", multiple=True, help="What circles are to find, as backlash:C; may be repeated.")
+@click.option(
+    "--effect", "effects", multiple=True, help="Effect that the circles determine, e.g. backlash:C; may be repeated."
+)
 @click.option("--count", type=cli.COUNT, default=2, help="Number of circles.")
-@cli.text("--tool-centre-on", help="Your control's line that switches tool-centre control on, as TRAORI.")
-@cli.text("--tool-centre-off", help="The line that switches it off, as TRAFOOF.")
+@cli.text("--tool-centre-on", help="Your control's line that switches tool-centre control on, e.g. TRAORI.")
+@cli.text("--tool-centre-off", help="The line that switches it off, e.g. TRAFOOF.")
 @cli.flag("--tool-centre", help="Tool-centre control in the dialect's own words (iso: G43.4 H, siemens: TRAORI).")
 @click.option(
     "--tool",
     "tool_number",
     type=cli.Whole(1, 9999),
     default=1,
-    help="With --tool-centre: the tool whose length is the ball's.",
+    help="With --tool-centre: number of the tool that has the length of the tool ball.",
 )
-@cli.text("--reversed", "reversed_axes", help="Rotary axes that turn against ISO 841, as B,C.")
+@cli.text("--reversed", "reversed_axes", help="Rotary axes that turn against ISO 841, e.g. B,C.")
 @click.option("--machine-top", type=cli.Number(), default=0.0, help="Top of the tool axis, mm in machine coordinates.")
 @cli.positive(
     "--dwell", "dwell_s", default=2.0, help="Rest at each pose in s, until machine and instrument have settled."
 )
 @click.option(
-    "--at-pose", default="dwell", help="After the rest: dwell (nothing), stop (shows the pose's number) or trigger."
+    "--at-pose",
+    default="dwell",
+    help="After the dwell: dwell (continue), stop (show the number of the pose) or trigger.",
 )
-@cli.text("--trigger", help="Your control's line that starts a reading, as M64 P0 (with trigger).")
+@cli.text("--trigger", help="Your control's line that starts a reading, e.g. M64 P0 (with trigger).")
 @click.option(
     "--frame",
     default="workpiece",
-    help="Of an R-test's readings: workpiece (nest on the table), machine or tool (head in the spindle).",
+    help="Frame of the R-test readings: workpiece (nest on the table), machine or tool (head in the spindle).",
 )
-@cli.positive("--sphere-radius", help="Of a touch probe's sphere, mm (default: the machine file's, 12.5).")
-@cli.positive("--tip-radius", help="Of its tip, mm (default: the machine file's, 3).")
+@cli.positive("--sphere-radius", help="Radius of the sphere to probe, mm (default: the machine file's, 12.5).")
+@cli.positive("--tip-radius", help="Radius of the probe tip, mm (default: the machine file's, 3).")
 @cli.text("--probe-on", help="Your control's line that switches a touch probe on.")
 @cli.text("--probe-off", help="The line that switches it off.")
-@click.option("--probe-tool", type=cli.Whole(1, 9999), help="Its number in the tool table; Heidenhain calls it.")
+@click.option("--probe-tool", type=cli.Whole(1, 9999), help="Number of the probe in the tool table (Heidenhain).")
 @cli.flag("--no-proof", help="A certificate by search alone, which takes seconds; circles: none.")
 @click.option("--starts", type=cli.COUNT, default=2, help="Starts of the search.")
 @click.option("--seed", type=cli.SEED, default=0, help="Seed of the search.")

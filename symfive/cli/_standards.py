@@ -15,7 +15,7 @@ from symfive.outputs import output_file, write_json
 @click.option("-o", "--output", type=cli.PATH, help="A JSON file for the numbers, too.")
 @click.option(
     "--tolerance", "tolerances", multiple=True,
-    help="NAME=VALUE (µm; of a rotary axis µrad; squareness µm/m), as G=8, \"G XY CCW=8\" or G@circle-1=8: pass, fail or "
+    help="NAME=VALUE (µm; of a rotary axis µrad; squareness µm/m), e.g. G=8, \"G XY CCW=8\" or G@circle-1=8: pass, fail or "
     "cannot be decided.",
 )  # fmt: skip
 @click.option(
@@ -29,7 +29,7 @@ from symfive.outputs import output_file, write_json
 def standards(
     campaign: Path, output: Path | None, tolerances: tuple[str, ...], uncertainties: tuple[str, ...], as_json: bool, quiet: bool
 ) -> None:  # fmt: skip
-    """Report the numbers of the standards. ISO 230-4, ISO 230-2 and ISO 10791-6, decided by ISO 14253-1."""
+    """Report values to the standards. ISO 230-4, ISO 230-2 and ISO 10791-6, decided by ISO 14253-1."""
     from symfive.standards import decided, standard_values, standards_data, standards_text, with_uncertainties
 
     limits = cli.numbers_of("--tolerance", tolerances, "E=6", least=0.0)

@@ -43,10 +43,10 @@ def codegen(
     """Generate the files of a target into the folder `output` and return their paths.
 
     `source`: a machine, a fitted model, the file of either, or the name of a preset. `target`: a name in `TARGETS`.
-    `prefix`: what every C name and file begins with, lower-case letters, digits and `_`. The same source gives the same
-    bytes. `overwrite` replaces results that lie there.
+    `prefix` of every C name and file: lower-case letters, digits and `_`. The same source gives the same
+    bytes. `overwrite` replaces earlier results.
 
-    Raises `InputError` for an unknown target, an unusable prefix, and where the target cannot hold the machine.
+    Raises `InputError` for an unknown target, an unusable prefix, and where the target cannot represent the machine.
     """
     if target not in TARGETS:
         raise InputError(f"there is no target {shown(target)}", remedy=f"use one of {', '.join(TARGETS)}")

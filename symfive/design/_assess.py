@@ -37,10 +37,10 @@ WORTHLESS = 1e-4
 class Assessment(OnScreen):
     """Expected uncertainties of a campaign, before it is measured.
 
-    `parameters` all of them, `covariance` (k, k) in the files' units with priors, `rank` combinations that the readings
-    determine better than the priors, `confounded` those they do not; `tool_centre_um` mean and largest 1σ of the tool
-    centre point over the workspace (None without a workspace); `valuation` one number per rotary axis; `worth` run →
-    (rows,) how much each row lowers ψ of D, per parameter (nats); `run_worth` the same of whole runs.
+    `parameters` of the model; `covariance` (k, k), priors included, in the files' units; `rank` the number of combinations that
+    the readings determine better than the priors, `confounded` the others; `tool_centre_um` mean and largest 1σ of the tool
+    centre point over the workspace (None without a workspace); `valuation` the quality number of each rotary axis; `worth` run →
+    (rows,) by how much each row lowers ψ of D, per parameter (nats); `run_worth` the same for whole runs.
     """
 
     parameters: tuple[Parameter, ...]
@@ -136,8 +136,10 @@ def assess(
     campaign: Campaign | Path | str, *, effects: Iterable[Effect] = (), given: Campaign | Path | str | None = None,
     noise: Noise | None = None,
 ) -> Assessment:  # fmt: skip
-    """Assess a plan or a campaign (its readings do not matter), or the one in a folder. `given`: one that was measured
-    before, on this machine; `noise` of recordings where its rows are correlated (`coloured` in proportion to `white`)."""
+    """Expected uncertainties of a plan or campaign, or of the one in a folder; its readings are not used.
+
+    `given`: a campaign measured before on this machine; `noise`: that of recordings with correlated rows (`coloured` in
+    proportion to `white`)."""
     campaign, effects = campaign_given(campaign), tuple(effects)
     model = Model(campaign, effects)
     seen, margins = _data_information(model, noise), dict[str, int]()

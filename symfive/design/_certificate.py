@@ -49,10 +49,11 @@ SHARP = 0.1
 
 @dataclass(frozen=True)
 class Certificate:
-    """`efficiency` of the plan: at least this share of the best any plan with `points` poses in the same set-ups can reach
-    (in variance, per parameter). `anywhere` the same against any set-ups in the workspace (by `_anywhere`, on a grid of
-    them; None where it was not asked for). `value` ψ of the plan, `bound` the lowest ψ there is, `relaxed` ψ of the relaxed
-    design, `rigour` how sure the bound is."""
+    """Bound on how far a plan is from the best one.
+
+    `efficiency`: at least this share of the best plan with `points` poses in the same set-ups (in variance, per parameter).
+    `anywhere`: the same against any set-ups in the workspace (by `_anywhere`, on a grid of them; None if not asked for).
+    `value` ψ of the plan, `bound` the lowest possible ψ, `relaxed` ψ of the relaxed design, `rigour` how sure the bound is."""
 
     efficiency: float
     value: float
@@ -110,7 +111,7 @@ class Generated:
 
 
 def certify(space: Space, task: Task, rows: Rows, *, prove: bool = True) -> Certificate:
-    """The certificate of a design `rows`; without `prove` by search alone."""
+    """The certificate of the design `rows`; without `prove` its bound comes from a search alone."""
     points, value = len(rows.z), value_of(space, task, rows)
     found = generate(space, task, rows, value=value)
     bound, rigour = (-math.inf, PROVED) if prove else (found.bound, SEARCHED)

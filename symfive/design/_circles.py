@@ -22,9 +22,9 @@ from symfive.procedures import heights
 
 @dataclass(frozen=True)
 class Circle:
-    """A circle: its `shape`, its `runs` (one a direction), the information `matrix` (k, k) it adds about the machine and the
-    effects at their typical size (file units), `matrices` the same at every draw from the prior, the expected 1σ by
-    parameter of the effects, and how many `seconds` it records."""
+    """A circle: its `shape`; its `runs`, one per direction; the information `matrix` (k, k) that it adds about machine and
+    effects at their typical size (file units), `matrices` the same at every draw from the prior; the expected 1σ of each
+    parameter of the effects; and the recording time, `seconds`."""
 
     shape: CircleShape
     runs: tuple[Run, ...]

@@ -31,8 +31,8 @@ SEEN = 0.5
 
 @dataclass(frozen=True, repr=False)
 class CircularTest(Written):
-    """A circular test: the `campaign` without readings, the `assessment` of what it tells with lag of the drives as a nuisance
-    (`effects`, which an identification has to free) and correlated `noise`, `notes` in plain words."""
+    """A circular test: the `campaign` without readings; its `assessment`, with lag of the drives as a nuisance
+    (`effects`, to be identified too) and correlated `noise`; `notes` in plain words."""
 
     campaign: Campaign
     effects: tuple[Effect, ...]
@@ -78,10 +78,10 @@ def circular_test(
 ) -> CircularTest:  # fmt: skip
     """Circles by the control's own interpolation in each of `planes`, at each of `feeds` (mm/min), in both directions.
 
-    `radius` mm, the bar's length; `sweep_deg` of the data: 360 is the test of ISO 230-4, 220 what goes where the table or the end
-    of an axis is in the way (default: 360 in XY, 220 in the upright planes); `centre` mm, the table ball in the workpiece frame;
+    `radius` mm, the bar's length; `sweep_deg` of the data: 360 for the full circle of ISO 230-4, 220 where the table or a limit
+    of travel is in the way (default: 360 in XY, 220 in the vertical planes); `centre` mm, the table ball in the workpiece frame;
     `noise_um`, `coloured_um` and `correlation_s` as in `plan_sweeps`.
-    Raises `InputError` where an axis cannot follow or does not get around.
+    Raises `InputError` where an axis cannot follow or has too little travel.
     """
     machine, noise = machine_given(machine), recording_noise(noise_um, coloured_um, correlation_s)
     if not planes or not feeds:

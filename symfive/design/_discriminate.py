@@ -51,10 +51,10 @@ class Separation:
 
 @dataclass(frozen=True, repr=False)
 class Discrimination(OnScreen):
-    """The best test: a campaign without readings, its `separation` in σ, the separation `before` by what was measured, and
-    the `table` of all candidates, best first. Of several rivals `each` with its separation by the best test; `separation` and
-    `before` are the smallest of those that it separates. `also`: pairs of rivals that it separates from each other, where that
-    took several runs."""
+    """The best test: a campaign without readings; its `separation` in σ, and `before` that of the readings so far; the `table`
+    of all candidates, best first. With several rivals `each` holds the separation from every one; `separation` and
+    `before` are the smallest among those that the test separates. `also`: pairs of rivals that it separates from each other, if
+    that takes several runs."""
 
     test: Campaign
     separation: float
@@ -129,9 +129,9 @@ def discriminate(
 
 
 def in_common(parts: Mapping[str, Discrimination], candidates: Sequence[Candidate]) -> Discrimination:
-    """The candidate that separates one explanation from several rivals: from as many as can be separated at all, and of
-    those from the nearest by most. What counts is what a test adds to what is known: a rival that the priors alone make
-    improbable is not separated by anything.
+    """The candidate that separates one explanation from several rivals: from as many as possible, and from the nearest of
+    these by the largest separation. Only the separation that a test adds counts: if the priors alone make a rival
+    improbable, no test separates it.
 
     `parts` a discrimination for every rival by name, all over the same `candidates`.
     """

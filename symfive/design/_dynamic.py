@@ -67,10 +67,10 @@ LEAST_GAIN = 1e-6
 
 @dataclass(frozen=True, repr=False)
 class CirclePlan(Written):
-    """Circles chosen together: the campaign, the `circles` in it, expected 1σ of the effects' `parameters` (file units), all
-    circles that were `considered`, ψ of the best of these (`grid_value`) and of the refined ones (`value`), `notes` in plain
-    words: limits and ends of lists that are met, circles that are repeats, parameters that none of them sees; the
-    `certificate` and the expected `information`, None where none was asked for."""
+    """Circles chosen together: the campaign; its `circles`; the expected 1σ of the effects' `parameters` (file units); all
+    circles `considered`; ψ of the best of these (`grid_value`) and of the refined ones (`value`); `notes` in plain
+    words: limits and ends of lists that were reached, repeated circles, parameters that no circle determines; the
+    `certificate` and the expected `information`, None if not asked for."""
 
     campaign: Campaign
     circles: tuple[Circle, ...]
@@ -128,18 +128,18 @@ def plan_circles(
     per_minute: bool = False, refine: bool = True, free: Sequence[str] | None = None, noise_um: float = 0.3,
     rate_hz: float = RATE_HZ, certify: bool = True,
 ) -> CirclePlan:  # fmt: skip
-    """The `count` circles that together are most informative about the effects' parameters.
+    """The `count` circles that together tell most about the parameters of the effects.
 
     `family` `synchronous` (ratios X_T/r × radii × feeds) or `planar` (centres, mm in the workpiece frame, × planes × radii ×
     feeds); `ratios` by default up to the table's edge, `feeds` (mm/min) from 500 up to the fastest linear
     axis; `directions` `both`, `ccw`, `cw` to choose from; `for_` names of the parameters that count (default: all of the
     effects'); `robust` `nominal`, or the `mean` or `worst` case over `draws` of the effects' parameters from their priors;
-    `per_minute` weighs the recording time. `refine`: the best circles are refined in the variables `free` (default ratio and
-    feed; feed and centre) within the ranges of the lists, and kept only where they are better. `certify`: they are compared
+    `per_minute` weights the recording time. `refine`: the best circles are refined in the variables `free` (default ratio and
+    feed; feed and centre) within the ranges of the lists, and kept only if better. `certify`: they are compared
     with a dense set of circles in as many runs, or in the same time (`CirclePlan.certificate`), and their expected
     information, averaged over the priors, is bounded (`CirclePlan.information`). Circles that an axis cannot
-    follow, those whose ball would stand beside the table (`table_radius`) and those along which bodies meet are left out. Raises
-    `InputError` where none is left or a name is unknown.
+    follow, with the ball off the table (`table_radius`) or with a collision are left out. Raises
+    `InputError` if none is left or a name is unknown.
     """
     machine = machine_given(machine)
     _check(family, robust, count, planes, directions, free)

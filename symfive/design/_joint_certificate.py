@@ -30,9 +30,11 @@ WORDS = {"r_test": "R-test", "ball_bar": "ball bar (poses and circles)", "touch_
 
 @dataclass(frozen=True)
 class JointCertificate:
-    """`efficiency` of a plan: at least this share of the best that at most so many `mountings` of `instruments` in as many
-    `minutes` can do (in variance, per parameter); `value` ψ of the plan, `bound` the lowest ψ there is; `gain` at most so many
-    times lower is the variance than with the relaxed design of the best single instrument; over so many `candidates`."""
+    """Bound on how far a plan of several instruments is from the best one.
+
+    `efficiency`: at least this share of the best with at most as many `mountings` of `instruments` in as many
+    `minutes` (in variance, per parameter); `value` ψ of the plan, `bound` the lowest possible ψ; `gain`: upper bound of the ratio
+    by which the variance is lower than with the relaxed design of the best single instrument; `candidates`: their number."""
 
     efficiency: float
     value: float

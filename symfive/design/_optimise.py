@@ -56,13 +56,13 @@ def optimise(
     space: Space, task: Task, points: int, setups: int, *, starts: int = 2, seed: int = 0,
     pool: Executor | None = None, progress: Callable[[str], None] = lambda message: None,
 ) -> tuple[Rows, tuple[float, ...]]:  # fmt: skip
-    """The best design found and ψ of every design that the starts began with.
+    """The best design found, and ψ of every initial design.
 
     Start 0 uses the most informative set-ups and every pose of the grid, the others random parts of both. Each begins with one
-    design of every number of set-ups up to `setups`: a set-up more lowers what weights can reach and costs whole readings, which
-    determine its errors first. Successive halving: all are refined a little, the better third of them further, and the best one
-    until it stands still. Then whole numbers of the poses that the relaxed design in its set-ups uses compete with it. Of a large
-    plan only a smaller one is refined; its set-ups and the relaxed design in them give the large one. The workers of `pool`
+    design for every number of set-ups up to `setups`: one more set-up lowers ψ of the relaxed design, but costs the readings that
+    determine its errors. Successive halving: all are refined a little, the better third further, and the best one until it no
+    longer improves. Then it competes with whole numbers of the poses in the relaxed design of its set-ups. For a large plan
+    a smaller one is refined; its set-ups and the relaxed design in them give the large one. The workers of `pool`
     (`symfive.executors`) share the starts.
     """
     small = min(points, LARGEST_REFINED)

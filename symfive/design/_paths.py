@@ -46,7 +46,7 @@ SMALLEST_GAP = 1e-3
 
 @dataclass(frozen=True, kw_only=True)
 class CircleShape:
-    """What a circle is: `family`, `direction` ccw, cw or both, `plane` of a planar one, its `instrument`, and the `values`
+    """Shape of a circle: `family`; `direction` ccw, cw or both; `plane` of a planar circle; `instrument`; and the `values`
     of the family's variables (mm, mm/min)."""
 
     family: str

@@ -50,10 +50,10 @@ class Plan(Written):
 
     `campaign` without readings; `criterion` and the parameters `interest` it is for; `certificate` of the poses before the
     return poses were added; `assessment` of the whole; `starts` ψ of every design that the search began with; `minutes` it takes;
-    `unsafe` run → rows before which the spindle is drawn back; `lost` the efficiency left if the most important pose is lost;
+    `unsafe` run → rows before which the spindle retracts; `lost` the efficiency left if the most important pose is lost;
     `over_prior` mean and worst efficiency when the machine's errors are drawn from the priors; `information_per_minute`
-    nats of ψ a minute; `drift` efficiency left when a linear drift is a nuisance; `post` the ways of the programs, every one of
-    them clear; `part` what is expected along the part that it is for; `notes` in plain words.
+    nats of ψ per minute; `drift` the efficiency left when a linear drift is a nuisance; `post` the collision-free moves of the
+    programs; `part` the expected error along the part; `notes` in plain words.
     """
 
     machine: Machine
@@ -112,26 +112,28 @@ def plan(
     pool: Executor | None = None,
     progress: Callable[[str], None] = lambda message: None,
 ) -> Plan:  # fmt: skip
-    """The static plan of `points` poses that makes the uncertainty of what is sought smallest.
+    """The static plan of `points` poses with the smallest uncertainty of the parameters `for_`.
 
-    By default it has 40 poses, with `minutes` as many as fit into them;
-    `machine` a machine, the path of its file, or the name of a preset;
-    `instrument` `r_test`, `touch_probe` or `ball_bar`; `criterion` D (default), A, E, G or V (`I`), or one of your own; `for_`
-    names of the parameters that count (by default all of the machine's), the others and every set-up error being marginalised;
-    `part` a tool path or its file (`symfive.toolpath`): G (default) and V are then the worst and the mean expected error of the
-    tool along it, with as many set-ups as fit into `minutes` (default: those of the D plan, which is made too and compared), and
-    the spindle is indexed where that is worth it; `given` a campaign already
-    measured on this machine, to which the plan adds; `setups` at most so many places of ball or nest (default 2, ball bar
-    3); `lengths` the bars that the user owns, mm (default: the machine file's); `minutes` a time budget; `per_minute`: as
-    many of the poses and runs as are most informative per minute; `returns` to the first pose of each run, against drift;
-    `repeats` readings of each pose; `setup_sigma` 1σ of set-up errors; `frame` of an R-test's readings, `workpiece` of a nest on
-    the table, `machine` or `tool` of a head in the spindle; `index`: the first pose of every run is read with the spindle at 0°
-    and 180°, which determines the tool ball's run-out; `survive` optimises for the loss of any one pose; `robust`
-    `nominal`, or the `mean` or `worst` case over machines drawn from the priors; `starts` of the search; `anywhere`: whether the
-    certificate also compares with all other set-ups (a few seconds); `prove`: whether its bound is proved (seconds, for some
-    ball bars a quarter of a minute); `pool` any executor (`symfive.executors`), whose workers share the starts.
+    - `machine`: a machine, the path of its file, or the name of a preset. `instrument`: `r_test`, `touch_probe` or `ball_bar`.
+    - `points`: number of poses (default 40, with `minutes` as many as fit). `minutes`: time budget. `per_minute`: the poses and
+      runs with most information per minute.
+    - `criterion`: D (default), A, E, G or V (`I`), or one of your own. `for_`: names of the parameters to determine (default: all
+      of the machine's); the others and every set-up error are marginalised.
+    - `part`: a tool path or its file (`symfive.toolpath`). G (default) and V are then the worst and the mean expected error of
+      the tool along it. The plan has as many set-ups as fit into `minutes` (default: those of the D plan, which is made for
+      comparison), and indexes the spindle where that gains information.
+    - `given`: a campaign already measured on this machine, which the plan complements. `setups`: largest number of positions of
+      ball or nest (default 2, ball bar 3). `lengths`: bars that the user owns, mm (default: the machine file's).
+    - `returns`: to the first pose of each run, against drift. `repeats`: readings of each pose. `index`: the first pose of each
+      run is read with the spindle at 0° and 180°, which determines the run-out of the tool ball.
+    - `setup_sigma`: 1σ of set-up errors. `frame` of an R-test's readings: `workpiece` (nest on the table), `machine` or `tool`
+      (head in the spindle).
+    - `survive`: optimise for the loss of any one pose. `robust`: `nominal`, or the `mean` or `worst` case over machines drawn
+      from the priors. `starts`: of the search. `pool`: any executor (`symfive.executors`); its workers share the starts.
+    - `anywhere`: the certificate also compares with all other set-ups (a few seconds). `prove`: its bound is proved (seconds, for
+      some ball bars a quarter of a minute).
 
-    Raises `InputError` where no pose can be reached, no bar fits, or a parameter is seen by no plan.
+    Raises `InputError` where no pose can be reached, no bar fits, or no plan determines a parameter.
     """
     machine = with_bars(machine_given(machine), lengths)
     request = Request(

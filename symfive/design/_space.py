@@ -47,8 +47,8 @@ class Space:
     """One instrument on one machine: variables, bounds, kernel.
 
     `names` of the variables, `lower` and `upper` (nz,), `poses` how many belong to the pose; `shared` the machine's
-    parameters, `own` the set-up errors of a run and `own_sigma` their prior 1σ in units of the noise (inf where a zero is
-    wholly unknown stays finite as declared); `centre` J of the tool centre point, (3, shared), µm per prior 1σ; `options` of the
+    parameters, `own` the set-up errors of a run and `own_sigma` their prior 1σ in units of the noise (finite, as declared, even
+    for an unknown zero); `centre` J of the tool centre point, (3, shared), µm per prior 1σ; `options` of the
     instrument, as the `frame` of an R-test head.
     """
 
@@ -129,7 +129,7 @@ def make_space(
     machine: Machine, instrument: str, *, noise_um: float = 0.3, setup_sigma: SetupSigma | None = None,
     options: Mapping[str, Any] | None = None,
 ) -> Space:  # fmt: skip
-    """The space of `r_test`, `touch_probe` or `ball_bar` on a machine. Raises `InputError` where there is nothing to decide."""
+    """The space of `r_test`, `touch_probe` or `ball_bar` on a machine. Raises `InputError` if nothing is left to choose."""
     if instrument not in ("r_test", "touch_probe", "ball_bar"):
         raise InputError(f"plans with {instrument} are not designed", remedy="use r_test, touch_probe or ball_bar")
     rotary = machine.rotary_axes

@@ -34,8 +34,8 @@ from symfive.threads import one_thread
 
 @dataclass(frozen=True, repr=False)
 class JointPlan(Written):
-    """Plans of different instruments, `parts` in the order in which they are measured, for one machine; their `certificate`, None
-    where none was asked for, and the `assessment` of all of their runs, with the campaign given before; `left_out` why other
+    """Plans of different instruments for one machine: `parts` in the order of measurement; their `certificate`, None
+    if not asked for; the `assessment` of all of their runs and of the campaign given before; `left_out`: why other
     instruments are not used."""
 
     parts: tuple[Plan, ...]

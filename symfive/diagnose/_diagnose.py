@@ -39,9 +39,9 @@ def diagnose(
 ) -> Diagnosis:
     """Find the effects missing from the baseline model, with location, size and all parameters identified.
 
-    `campaign` with readings, or the path of its folder; `false_alarms` is the rate at which the tests that need no name may fail
-    a clean campaign (names follow from probabilities and losses: `symfive.posterior.decide`); `exclude` takes
-    effects (by id) out of the library, as a control. With `hold_out` (`half`, `cycles`, `runs:NAMES`: see `parted`) only
+    `campaign` with readings, or the path of its folder; `false_alarms` the rate at which the general tests for lack of fit may
+    fail a clean campaign (names follow from probabilities and losses: `symfive.posterior.decide`); `exclude` removes
+    effects (by id) from the catalogue, as a control. With `hold_out` (`half`, `cycles`, `runs:NAMES`: see `parted`) only
     the rest is fitted; a finding that worsens the prediction of the held-out part is withdrawn. In recordings with more than
     20,000 rows in total the search uses a subset (`stretches_of`); a finding that worsens the prediction of the other rows is
     withdrawn, and every value is identified from all rows, window by window. Raises `InputError` for a campaign without readings,

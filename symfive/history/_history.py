@@ -54,10 +54,10 @@ class Rebuilt:
 
 
 class History:
-    """The history in a folder, a context manager: an SQLite index of the records among the results, and the events.
+    """The history in a folder: an SQLite index of the records among the results, and the events. A context manager.
 
-    `create` it where it is not there. Every method raises `InputError` for what a user can correct. Many processes may add at
-    once.
+    `create` makes it if it does not exist. Every method raises `InputError` for errors that a user can correct. Many processes
+    may add at once.
     """
 
     def __init__(self, folder: Path | str = FOLDER, *, create: bool = False) -> None:

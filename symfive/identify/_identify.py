@@ -41,10 +41,10 @@ def identify(
 ) -> Identification:  # fmt: skip
     """Maximum a posteriori estimate of every parameter of the baseline, the effects and the set-ups.
 
-    `campaign` with readings, the path of its folder, or its `Model`; `effects` join the baseline. `free` names the only
-    parameters that may change; `fixed` holds some at given values (file units). `noise`: `estimate` finds white noise (never
-    below the declared one), coloured noise and outliers; `repeats` finds them from differences of repeated runs, where these
-    show less noise; `declared` takes the data sheet. `solver`: `gauss_newton` or `ipopt` (bounds by an interior point);
+    `campaign` with readings, the path of its folder, or its `Model`; `effects` are added to the baseline. `free`: names of the
+    only parameters to estimate; `fixed`: values of parameters held constant (file units). `noise`: `estimate` finds white
+    noise (never below the declared one), coloured noise and outliers; `repeats` finds them from differences of repeated runs, if
+    these show less noise; `declared` takes the data sheet. `solver`: `gauss_newton` or `ipopt` (bounds by an interior point);
     `loss`: `square` or `huber` (IPOPT). `start` and `start_noise` (by run and instrument) are the initial values. `refine`:
     IPOPT continues where a bound is active and Gauss–Newton has not converged. Runs of more than 50,000 rows are identified
     window by window, and their residuals stay on disk.

@@ -77,9 +77,9 @@ def fitted_model(result: Identification) -> FittedModel:
 def predict(fitted: FittedModel | Identification | Path | str, campaign: Campaign | Path | str) -> Prediction:
     """Predicted readings of a plan or campaign. Raises `InputError` where the machines differ.
 
-    `fitted` a fitted model, an identification, or the path of a `model.json`; `campaign` a campaign or the path of its folder.
-    The machine's errors and the effects stay as fitted; zeros and set-up errors of a run are fitted on its own readings,
-    and are zero where it has none. Runs of more than 50,000 rows are predicted window by window, and the result stays on disk.
+    `fitted`: a fitted model, an identification, or the path of a `model.json`; `campaign`: a campaign or the path of its folder.
+    The machine's errors and the effects stay as fitted; zeros and set-up errors of a run are fitted to its own readings,
+    and are zero without readings. Runs of more than 50,000 rows are predicted window by window, and the result stays on disk.
     """
     fitted = fitted_model(fitted) if isinstance(fitted, Identification) else model_given(fitted)
     campaign = campaign_given(campaign)

@@ -29,10 +29,10 @@ def all_location_errors(machine: Machine, sigma: float = LARGE_SIGMA) -> dict[st
 def redundancies(machine: Machine | Path | str, *, poses: int = 400, seed: int = 0) -> tuple[Confounding, ...]:
     """Combinations of the machine's errors that no measurement of tool against workpiece can determine.
 
-    The position of two tool balls in the workpiece frame is differentiated with respect to `machine.errors` (or, where
-    it varies none, to all location errors) at `poses` random poses over the travel, with set-up and zeros exactly known
-    and a noise of 1 nm; what the data leave undetermined is redundant. (For location errors see also R. J. Hocken,
-    ISO 230-1 annex A: a machine with 5 axes has 8 independent ones beside the squarenesses.)
+    The position of two tool balls in the workpiece frame is differentiated with respect to `machine.errors` (or, if it
+    has none, all location errors) at `poses` random poses over the travel, with set-up and zeros known exactly
+    and a noise of 1 nm. Combinations that the readings leave undetermined are redundant. (For location errors see also
+    R. J. Hocken, ISO 230-1 annex A: a machine with 5 axes has 8 independent ones beside the squarenesses.)
     """
     machine = machine_given(machine)
     if not machine.errors:

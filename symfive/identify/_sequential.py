@@ -31,9 +31,9 @@ class Stage:
 
 
 def identify_sequentially(campaign: Campaign | Path | str, stages: Sequence[Stage], **options: Any) -> Identification:
-    """Identify in stages as Wang & Li 2016: each stage takes earlier results as exact and all other errors as zero.
+    """Identify in stages as in Wang & Li 2016: each stage takes earlier results as exact and all other errors as zero.
 
-    The uncertainties are those of each stage by itself: they ignore the uncertainty of earlier stages and the errors
+    The uncertainties are those of each stage alone: they ignore the uncertainty of earlier stages and the errors
     identified later. Compare with `identify`, which estimates all at once. `options` go to `identify`.
     """
     campaign = campaign_given(campaign)
@@ -77,9 +77,9 @@ def identify_by_position(
 ) -> Identification:
     """Identify the errors of one axis as a free value at each commanded position (Oyama, Ibaraki & Otsubo 2010, (10)–(15)).
 
-    Every component becomes a linear B-spline with a knot at every position: a value of its own there and straight
-    lines between. `sigma` µm or µrad is the prior 1σ of each. The constant part stays with the location errors of the
-    machine file. The two gauge freedoms that the paper does not mention come out among `confounded`.
+    Every component becomes a linear B-spline with a knot at every position: one value per position and straight
+    lines between. `sigma` µm or µrad is the prior 1σ of each value. The location errors of the machine file hold the constant
+    part. The two gauge freedoms that the paper does not mention are listed in `confounded`.
     """
     campaign = campaign_given(campaign)
     machine = campaign.machine

@@ -73,7 +73,7 @@ def _known(name: str, machine: Machine) -> bool:
 
 
 def guessed_meanings(table: Table, machine: Machine) -> tuple[Meaning, ...]:
-    """Of every column whose name in the head says it: an axis, a reading by its name in a campaign, or a common word."""
+    """Meanings that the names in the header give: an axis, a reading by its name in a campaign, or a common word."""
     found = []
     for i, (name, unit) in enumerate(zip(table.names, table.units, strict=True)):
         plain = _NUMBERED.sub("", name).strip().casefold()
@@ -89,7 +89,7 @@ def guessed_meanings(table: Table, machine: Machine) -> tuple[Meaning, ...]:
 def meanings(table: Table, machine: Machine, entries: Sequence[str], axis: str = "") -> tuple[Meaning, ...]:
     """The meaning of every column: as the user gives it (`NAME=COLUMN[:UNIT]`, by number, range or name), else from the header.
 
-    Where a name is said its guess is dropped. `axis` is that of a positioning test. Raises `InputError` for an unknown name,
+    A given name replaces its guess. `axis` is that of a positioning test. Raises `InputError` for an unknown name,
     column or unit, for a column that is mapped twice, and for a text in one.
     """
     said: list[Meaning] = []

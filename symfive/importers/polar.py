@@ -62,10 +62,11 @@ def read_polar(
 ) -> tuple[Array, Array]:
     """Angle (N,) in degree and deviation (N,) in µm from columns of a text file.
 
-    Columns are parted by comma, semicolon, tab or spaces (a decimal comma is understood where semicolons, tabs or spaces part
-    them); lines before the first row of numbers are the head. `columns` names those of the file in their order: `angle`,
-    `deviation`, and anything else for what is not needed. `unit` of the deviation in the file: `um` or `mm`. `direction` `ccw`
-    or `cw` where the file sorts the angles whichever way the circle went; a file against it is read from its end. Raises
+    Columns are separated by comma, semicolon, tab or spaces (with any but the comma, decimal commas are read
+    too); lines before the first row of numbers are the header. `columns` names those of the file in order: `angle`,
+    `deviation`, and anything else for a column that is not needed. `unit` of the deviation in the file: `um` or `mm`.
+    `direction` `ccw` or `cw` if the file sorts the angles whatever the direction of the circle; a file in the opposite order is
+    read from its end. Raises
     `InputError` naming file and line.
     """
     path = Path(path)
@@ -262,9 +263,9 @@ def _clock_sigma_ms(machine: Machine, plane: str, start: float) -> float:
 def polar_doubts(
     machine: Machine, runs: Sequence[Run], angles_deg: Sequence[Array], *, radius: float, feed: float
 ) -> tuple[str, ...]:
-    """What is odd about the circles of `polar_run`, each with its remedy: a short arc (radians?), a feed that an axis cannot
-    do or that takes hours, inches for mm or mm for µm, one direction only, a mean radius that was removed.
-    `angles_deg` those that each run was made of."""
+    """What looks wrong in the circles of `polar_run`, each with its remedy: a short arc (radians?), a feed that an axis cannot
+    reach or that takes hours, inches for mm or mm for µm, one direction only, a removed mean radius.
+    `angles_deg`: the angles of each run."""
     said = []
     for run in runs:
         deviation = run.readings["dL_um"]

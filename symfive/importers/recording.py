@@ -70,7 +70,7 @@ class Setting:
 def runs_of(machine: Machine, columns: Columns, setting: Setting, id: str) -> list[Run]:
     """The runs that a table's columns (name → (N, n) in mm, degree, s, N, Nm) make: one, or one per direction of a circle.
 
-    Raises `InputError` saying what lacks, and where the time does not increase.
+    Raises `InputError` naming what is missing, and where the time does not increase.
     """
     at = _one(columns, "time") if "time" in columns else np.zeros(0)
     if len(back := np.flatnonzero(np.diff(at) <= 0.0)):
@@ -243,8 +243,8 @@ def probe_run(
     """A static run of a touch probe: `found` linear axis → (N,) mm at which a centred touch would stand, `commands` rotary axis →
     (N,) degree; both machine coordinates.
 
-    The readings are found less nominal coordinates of the axes, the nominal ones those of a sphere at `setting.centre`: it need
-    be right to some tenths of a millimetre only, its prior is `SPHERE`. Raises `InputError` where an axis is missing, and for
+    The readings are found less nominal coordinates of the axes, the nominal ones those of a sphere at `setting.centre`. It need
+    only be right to a few tenths of a millimetre; its prior is `SPHERE`. Raises `InputError` where an axis is missing, and for
     coordinates of the tip.
     """
     missing = [name for name in machine.linear_axes if name not in found]
@@ -278,8 +278,8 @@ def _distance(found: Columns, nominal: Columns) -> float:
 
 
 def recorded_run(machine: Machine, columns: Columns, setting: Setting, id: str) -> Run:
-    """A recording: dynamic where it has a time and is not `setting.static`. Axes without a column stand where `setting.hold`
-    says, which then is needed of one, or at home."""
+    """A recording: dynamic if it has a time and is not `setting.static`. Axes without a column stay at `setting.hold`
+    or at home; at least one axis needs a column or `hold`."""
     time = _one(columns, "time") if "time" in columns else None
     dynamic = time is not None and not setting.static
     readings, noise, read = dict[str, Array](), dict[str, float](), dict[str, list[str]]()

@@ -100,9 +100,10 @@ def read_recording(
 ) -> tuple[Array, dict[str, Array]]:
     """Time (N,) s and readings (N,) in µm by name from a text file.
 
-    `columns` names those of the file in their order: `t` the time in s, the plan's reading columns, `-` for what is not needed;
-    `unit` of the readings, `um` or `mm`, by default that with which the column's name in the head ends (`X [mm]`), else `um`.
-    Lines before the first row of numbers are the head, its last one names the columns. Raises `InputError` naming file and line.
+    `columns` names those of the file in order: `t` the time in s, the plan's reading columns, `-` for a column not needed;
+    `unit` of the readings, `um` or `mm`, by default the one at the end of the column's name in the header (`X [mm]`), else `um`.
+    Lines before the first row of numbers are the header; its last line names the columns. Raises `InputError` naming file
+    and line.
     """
     path = Path(path)
     if unit is not None and unit not in UNITS:

@@ -110,7 +110,7 @@ def _even_turns(run: Run, angle: Array, axis: str, step_deg: float) -> list[Run]
 
 
 def moved_pieces(run: Run) -> list[Run]:
-    """The motions between the rests of a recording. Raises `InputError` where it is no recording or nothing moves."""
+    """The motions between the rests of a recording. Raises `InputError` if it is not a recording or nothing moves."""
     if not run.dynamic:
         raise InputError(f"run {run.id} has static readings", remedy="use --split cycles, or import it as it is")
     speeds = np.stack([np.abs(np.gradient(way, run.time)) for way in run.commands.values()], axis=1)

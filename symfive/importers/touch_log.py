@@ -142,7 +142,7 @@ class Probed:
 
 
 def probed_run(run: Run, touches: Mapping[int, Array]) -> Probed:
-    """The planned run with the readings of its log, which may end early, never begin late or leave out a pose.
+    """The planned run with the readings of its log. The log may end early, but must begin with the first pose and skip none.
 
     Raises `InputError` for another run's log, and for a touch that is off the sphere of all others.
     """

@@ -99,11 +99,11 @@ class EffectEntry:
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Machine(OnScreen):
-    """A machine: its structural code, its axes, the errors its baseline model may vary, its workspace.
+    """A machine: its structural code, its axes, the errors that its baseline model estimates, its workspace.
 
-    Validates itself on construction and raises `InputError`. Vectors are in the machine frame, all axes at
-    zero. `text` is the file it was read from, so that writing it keeps comments and layout; `comments` those
-    comments alone.
+    Validates itself on construction and raises `InputError`. Vectors are in the machine frame with all axes at
+    zero. `text` is the text of its file, so that writing keeps comments and layout; `comments` are
+    its comments alone.
     """
 
     name: str

@@ -25,7 +25,7 @@ _TOP = ("schema", "name", "structure", "axes", "errors", "workspace", "model")
 
 
 def read_machine(path: Path | str) -> Machine:
-    """Read a machine file. Keys that are not known are kept in `extra`; see `unknown_keys`.
+    """Read a machine file. Unknown keys are kept in `extra`; see `unknown_keys`.
 
     Raises `InputError` with the line; a key that is close to a known one counts as a typing error.
     """
@@ -63,7 +63,7 @@ def unknown_keys(machine: Machine) -> tuple[str, ...]:
 
 
 def write_machine(machine: Machine, path: Path | str) -> None:
-    """Write a machine file, whole or not at all; what was read from a file keeps its comments and layout."""
+    """Write a machine file, whole or not at all; a machine read from a file keeps its comments and layout."""
 
     def read(text: str) -> dict[str, Any]:
         return machine_to_data(_from_toml(parse_toml(Path("machine"), text)))

@@ -38,7 +38,7 @@ class Linearisation:
 class Model(OnScreen):
     """One symbolic model of a machine, its instruments and its effects, for all runs of a campaign.
 
-    `effects` join those that the machine file's `[model]` already holds. `linear=True` takes the errors of the chain to
+    `effects` are added to those in `[model]` of the machine file. `linear=True` takes the errors of the chain to
     first order (derived from the exact chain by differentiation). Parameter vectors are in the files' units, in the
     order of `parameters`; `values` may also be given as a mapping of names.
 

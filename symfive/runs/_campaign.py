@@ -22,8 +22,8 @@ MOUNTED = {"tool_ball": "tool ball", "table_ball": "table ball", "length": "bar"
 class Campaign(OnScreen):
     """A machine and its runs. A campaign without readings is a measurement plan.
 
-    `notes` are remarks of the reader (unknown keys kept, rows that are odd but legal); `comments` those of
-    the file and `text` the file itself, so that writing it keeps its layout.
+    `notes` are remarks from reading it (unknown keys, unusual but valid rows); `comments` are those in
+    the file, `text` is the text of the file, so that writing keeps its layout.
     """
 
     machine: Machine

@@ -65,8 +65,8 @@ def file_identity(name: str) -> str:
 class SetupSigma:
     """Prior 1σ of a run's set-up errors: ball positions and bar length in µm, plate orientation in µrad.
 
-    `tool_ball` is across the spindle's axis and, where `tool_length` does not say otherwise, along it too; `zero` of an R-test's
-    nest in the workpiece frame (None: its place is not known at all).
+    `tool_ball` holds across the spindle axis and, without `tool_length`, along it too; `zero` is that of the R-test nest in
+    the workpiece frame (None: position unknown).
     """
 
     table_ball: float = 20.0
@@ -96,17 +96,17 @@ class SetupSigma:
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Run(OnScreen):
-    """One test: positions of the balls, commands and, once measured, readings. Equal only to itself.
+    """One test: positions of the balls, commands and, once measured, readings. Compared by identity.
 
     `time` (N,) s; `commands` axis → (N,) in mm or degree; `readings` column → (N,) in the column's unit,
-    empty in a plan; all three stay on disk where they are given as `numpy.memmap`. `clock` is `recorded`, or `none` where it
-    was not: then `time` only orders the rows of a static run, and nothing is said over time. `table_ball` and `tool_ball` mm in
+    empty in a plan; all three stay on disk if given as `numpy.memmap`. `clock` is `recorded`, or `none`: then `time` only
+    orders the rows of a static run, and nothing is shown over time. `table_ball` and `tool_ball` mm in
     the workpiece and the tool frame; `length` mm; `u`, `v` unit vectors of a grid encoder's plane; `noise_um` 1σ of one
-    reading, one number or one per instrument; `spindle` (N,) degree by which the spindle was turned at each row of a static run,
-    the tool ball's error with it (None: it stays as it is); `mounting` quantity of the set-up → name of its mounting: runs with
+    reading, one number or one per instrument; `spindle` (N,) degree, angle of the spindle at each row of a static run, with which
+    the error of the tool ball turns (None: it does not turn); `mounting` set-up quantity → name of its mounting: runs with
     the same name share its error (`tool_ball`: the ball stayed in the spindle); `pieces` the stretches of a longer recording that
-    its rows are, in order (none: the rows follow each other, but for some that the recorder lost). `clock_sigma_ms`: prior 1σ of
-    the instrument's clock against the control's in this recording, ms; 0, they are one.
+    form the rows, in order (none: consecutive rows, except for lost ones). `clock_sigma_ms`: prior 1σ of
+    the offset of the instrument's clock from the control's in this recording, ms; 0: one clock.
     """
 
     id: str
