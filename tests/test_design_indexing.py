@@ -107,7 +107,7 @@ def test_what_indexing_leaves_is_not_indexed_again() -> None:
     known = SetupSigma(tool_length=0.01)
     made = plan(location_only("table-bc"), criterion="A", for_=("EX0B",), index=True, setup_sigma=known, **options)
     (said,) = (note for note in made.notes if "the tool ball's run-out" in note)
-    assert "the noise of the spindle indexing leaves it" in said and "--index" not in said
+    assert "the noise of the spindle indexing limits it" in said and "--index" not in said
 
 
 def test_the_fewer_poses_named_do_as_well() -> None:

@@ -110,7 +110,7 @@ def test_plan_is_a_campaign_with_all_that_is_needed(made: Plan, tmp_path: Path) 
     assert page.count('<table class="poses-list">') == len(campaign.runs) and "then read dx_um, dy_um, dz_um" in page
     assert page.count("again pose 1, reading 2") == len(campaign.runs), "the return to the first pose"
     assert page.count("within 1 mm: the readings determine its exact position") == len(campaign.runs)
-    assert page.count("positive where the tool ball moves towards +x, +y and +z of the workpiece frame") == len(
+    assert page.count("positive when the tool ball moves towards +x, +y and +z of the workpiece frame") == len(
         campaign.runs
     )
     assert "NOT TESTED: CRADLE AND DRIVES OF C, B, CLAMPS" in (tmp_path / "plan" / "nc/iso/nest-1.nc").read_text()
@@ -127,7 +127,7 @@ def test_the_sheet_says_what_to_mount_again() -> None:
     words = _sheet(campaign, Post(unsafe={first.id: (2,)}, dwell_s=3.0))
     assert (
         words.count("The same mounting as for run")
-        == words.count(f"The same mounting as for run {first.id}: remove it")
+        == words.count(f"The same mounting as for run {first.id}: remount the table ball")
         == 1
     )
     assert words.count("remove the bar, mount it again") == 1

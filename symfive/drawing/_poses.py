@@ -170,8 +170,8 @@ def _names(poses: Sequence[_Poses]) -> str:
 
 def _caption(poses: Sequence[_Poses]) -> str:
     drawn, rows = sum(len(p.ball) for p in poses), sum(p.run.rows for p in poses)
-    said = "The poses in the workpiece frame. Large dots: table balls; small dots: tool ball; thin lines: tool axis; lines "
-    said += "between balls: bar."
+    said = "The poses in the workpiece frame. Large dots: balls on the table; small dots: ball or tip of the tool; thin lines: "
+    said += "tool axis; lines between balls: bar."
     said += f" {drawn} of {rows} rows are drawn, with fewer lines." if drawn < rows else ""
     hint = "Drag or use the arrow keys to turn the view, Home to reset it. A name shows its run alone."
     return f'{said} <span class="hint">{hint}</span>'
