@@ -56,7 +56,7 @@ def read_campaign(path: Path | str) -> Campaign:
 
 
 def campaign_problems(path: Path | str) -> tuple[Machine | None, tuple[Run, ...], list[InputError]]:
-    """The machine and the runs as far as they can be read, and all that is wrong with the files rather than the first."""
+    """The machine and the runs as far as they can be read, and every problem of the files, not only the first."""
     path = Path(path)
     found: list[InputError] = []
     machine, runs = None, list[Run]()
@@ -202,9 +202,9 @@ def write_campaign(campaign: Campaign, folder: Path | str, *, overwrite: bool = 
 
 
 def write_campaign_files(campaign: Campaign, folder: Path, *, to_edit: bool = False) -> None:
-    """The same into a folder that exists (used where more files go beside them).
+    """Write a campaign into an existing folder, where further files join it.
 
-    A manifest binds readings, where they are not to be edited; never tables without readings, which people fill in.
+    A manifest protects readings that must not be edited; it never covers tables without readings, which people fill in.
     """
     write_machine(campaign.machine, folder / "machine.toml")
     for run in campaign.runs:

@@ -12,12 +12,12 @@ from symfive.runs import Campaign
 
 
 def signature(effect: Effect, campaign: Campaign, size: Mapping[str, float] | None = None) -> dict[str, Array]:
-    """Change of the readings when the effect joins the model, everything else unchanged: run id → (N, ny), in the
+    """Change of the readings when the effect is added to the model, all else unchanged: run id → (N, ny), in the
     columns' units.
 
-    `size` gives its parameters by their names without the effect's `key` (file units), `{"width": 41.0}`;
-    what it leaves out, and all where it is None, is of usual size (`Effect.typical`). Raises `InputError` for
-    a name that the effect lacks and where it cannot join the campaign.
+    `size`: parameters by their names without the effect's `key` (file units), e.g. `{"width": 41.0}`;
+    all others are of usual size (`Effect.typical`). Raises `InputError` for
+    a name that the effect lacks, and if it cannot act in the campaign.
     """
     model = Model(campaign, (effect,))
     joined = model.effects[-1]

@@ -27,11 +27,11 @@ def cone_circle(
     """The path once around a cone frustum, as in the milling test (NAS 979; with a ball bar: Y. Ihara & K. Tanaka 2005; the tests
     AK4, BK4, CK4 of ISO 10791-6), one run per direction.
 
-    The tool's axis leans by `half_angle_deg` towards the cone's axis, which leans by `inclination_deg` (about Y of the tool)
-    from where the tool points with all rotary axes at home. Where the inclination is the smaller one, the turning axis goes
-    all the way round, else it swings. The bar of `radius` mm is `sensitive` in the plane of the `base` or square to the
-    cone's `surface`. `feed` mm/min of the tool ball; `centre` mm, where the table ball stands; φ runs from `start_deg` once
-    around and `run_up_deg` more at either end. Raises `InputError` where the axes cannot follow.
+    The tool axis is tilted by `half_angle_deg` towards the cone axis, and the cone axis by `inclination_deg` (about Y of the
+    tool) from the tool direction with all rotary axes at home. If the inclination is smaller than the half angle, the turning
+    axis makes a full revolution, otherwise it swings. The bar of `radius` mm is `sensitive` in the plane of the `base` or normal
+    to the `surface` of the cone. `feed` mm/min of the tool ball; `centre` mm, position of the table ball; φ runs from `start_deg`
+    once around, and `run_up_deg` more at either end. Raises `InputError` where the axes cannot follow.
     """
     if sensitive not in SENSITIVE:
         raise InputError(f'sensitive = "{sensitive}" is unknown', remedy='use "base" or "surface"')

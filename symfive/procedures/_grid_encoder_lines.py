@@ -34,10 +34,10 @@ def grid_encoder_lines(
     is read in the planes dv and dw, line 2 in dv, line 3 in dw (the paper's six readings; `every_reading`:
     both on each). `offsets` (v, w) of the lines, mm: they must not lie on one straight line and the first two
     must differ in w, or the roll is lost (paper 1, det of (10)). For an axis that carries the workpiece they
-    are places on the table, reached by the other axes; for one that carries the tool, and along an axis that this one
+    are positions on the table, reached by the other axes; for one that carries the tool, and along an axis that this one
     itself carries, they are offsets of the reading head on the tool, since its rotations act on that lever. `reach`
-    lowest and highest position of the axis, by default ±200 mm about the line's place (an upright axis: from there
-    upward). `centre` mm in the workpiece frame. Raises `InputError` where a pose cannot be reached.
+    lowest and highest position of the axis, by default ±200 mm about the line (a vertical axis: from there
+    upwards). `centre` mm in the workpiece frame. Raises `InputError` where a pose cannot be reached.
     """
     if axis not in machine.linear_axes:
         raise InputError(f"the machine has no linear axis {axis}", remedy="name a linear axis")

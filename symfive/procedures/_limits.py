@@ -15,8 +15,8 @@ TOLERANCE = 1e-6
 def checked(machine: Machine, run: Run, *, place: str, feed: float | None = None, unit: str = "mm/min") -> Run:
     """The run itself if every axis can follow it; otherwise raises `InputError` with what to change.
 
-    `place` says which of the caller's options move the poses (for the remedy); `feed` in `unit` is the one of
-    a dynamic run. A path scaled in time keeps its shape: speeds go with the feed, accelerations with its
+    `place` names the caller's options that move the poses (for the remedy); `feed` in `unit` is that of
+    a dynamic run. A path scaled in time keeps its shape: speeds scale with the feed, accelerations with its
     square.
     """
     within_travel(machine, run, place=place)
@@ -39,8 +39,8 @@ def within_travel(machine: Machine, run: Run, *, place: str) -> Run:
 
 
 def followed(machine: Machine, run: Run) -> Flags:
-    """Rows (N,) that every axis reaches within its travel, feed and acceleration, by the two steps before each, as `checked` has
-    it of all rows."""
+    """Rows (N,) that every axis reaches within its travel, feed and acceleration, judged by the two steps before each;
+    `checked` does so for all rows."""
     found, steps = np.ones(run.rows, dtype=bool), np.diff(run.time)
     for name, axis in machine.axes.items():
         values = run.commands[name]

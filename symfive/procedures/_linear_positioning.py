@@ -28,7 +28,7 @@ def linear_positioning(
 
     `targets` mm, ascending; by default at least five per metre and at least five (ISO 230-2, 5.3.2), unevenly
     spaced over the travel. The axis goes `overrun` mm past the end targets before it turns back; those stops
-    are recorded too. `tool_ball` is where the reflector is (an Abbe offset is seen), `hold` the positions of
+    are recorded too. `tool_ball` is the position of the reflector (its Abbe offset acts), `hold` the positions of
     the other axes. Raises `InputError` for positions outside the travel.
     """
     if axis not in machine.linear_axes:

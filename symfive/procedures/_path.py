@@ -32,8 +32,8 @@ CAUTION = 0.5
 
 
 def ramp_of(machine: Machine, speed: Any, radius: Any, run_up: float) -> Any:
-    """Angle, rad, in which a circle of `radius` mm gets up to `speed` rad/s: at the peak of `along` with `CAUTION` of the
-    acceleration that all linear axes have, within `run_up` rad where that is shorter or no acceleration is known.
+    """Angle, rad, in which a circle of `radius` mm reaches `speed` rad/s: at the peak of `along` with `CAUTION` of the
+    acceleration that all linear axes have, but at most `run_up` rad, and `run_up` if no acceleration is known.
 
     `speed` and `radius` are numbers or CasADi expressions.
     """
@@ -75,10 +75,10 @@ AT_A_STOP_DEG = 1e-4
 
 
 def through(stops: Array, speed: float, rate_hz: float) -> tuple[Array, Array]:
-    """Times (N,) s and positions (N, axes), degree, on straight ways through different `stops` (n, axes), at rest for a moment at
-    each.
+    """Times (N,) s and positions (N, axes), degree, on straight moves through different `stops` (n, axes), at rest for a moment
+    at each.
 
-    The axis that turns most on a way does so at `speed` degree/s. The last `DWELL_S` are a rest.
+    The axis that turns most on a move does so at `speed` degree/s. The last `DWELL_S` are a rest.
     """
     parts = [stops[:1]]
     for before, after in itertools.pairwise(stops):

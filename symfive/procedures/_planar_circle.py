@@ -58,11 +58,11 @@ def planar_circle(
 
     `plane` `XY`, `YZ` or `ZX`; `instrument` `ball_bar` (its length is the radius) or `grid_encoder`; `radius`
     mm; `feed` mm/min, one or several (a low one shows geometry, a high one the drives); `direction` `ccw`, `cw` or `both`, seen
-    against the plane's normal; `centre` mm in the workpiece frame (where the table ball stands); the arc from `start_deg` over
-    `sweep_deg`, by default the whole circle, else 220°: of a bar in an upright plane, whose ball stands on a post, and where an
-    axis ends. It is lengthened at both ends by `run_up_deg`, 180° of a whole circle and 2° of an arc; `hold` positions of
-    rotary axes; `rate_hz` rows per second. Only 360° are a circular test by ISO 230-4. Raises `InputError` where an axis
-    cannot follow.
+    against the plane's normal; `centre` mm in the workpiece frame (the table ball); the arc from `start_deg` over
+    `sweep_deg`, by default the whole circle, but 220° for a bar in a vertical plane, whose ball stands on a post, and where an
+    axis reaches the end of its travel. Both ends are lengthened by `run_up_deg` (180° for a whole circle, 2° for an arc);
+    `hold` positions of rotary axes; `rate_hz` rows per second. Only 360° are a circular test to ISO 230-4. Raises `InputError`
+    where an axis cannot follow.
     """
     if plane not in PLANES:
         raise InputError(f'plane "{plane}" is unknown', remedy=f"use one of {', '.join(PLANES)}")
@@ -115,7 +115,7 @@ def planar_circle(
 
 
 def feed_in(machine: Machine) -> float:
-    """How far the machine's bar is pulled out when it is mounted for a circle, mm."""
+    """Distance, mm, by which the machine's bar is pulled out when it is mounted for a circle."""
     return min(FEED_IN_MM, FEED_IN_STROKES * machine.workspace.bar_stroke)
 
 

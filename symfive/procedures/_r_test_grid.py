@@ -34,10 +34,10 @@ def r_test_grid(
     """Static R-tests at every combination of the rotary axes' positions, one run per nest.
 
     `grid` axis → positions in degree, the last axis moving fastest, to and fro; by default every rotary axis
-    in steps of `step_deg`, those that turn once around last. `nests` mm in the workpiece frame, by default
-    two at two heights and two radii, which separate tilt from offset. `returning` repeats all poses in reverse
+    in steps of `step_deg`, those with a full revolution last. `nests` mm in the workpiece frame, by default
+    two at different heights and radii, which separate tilt from offset. `returning` repeats all poses in reverse
     order, so that every pose is approached from both sides and drift becomes visible. Rotary axes that are not in the
-    grid and surplus linear axes stand at home. Works for table, head and nutating axes alike. Raises
+    grid and redundant linear axes stay at home. Works for table, head and nutating axes alike. Raises
     `InputError` where a pose cannot be reached.
     """
     rotary = rotary_axes(machine)

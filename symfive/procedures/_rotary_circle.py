@@ -42,8 +42,8 @@ def rotary_circle(
 
     `linear="following"`: the linear axes carry the tool ball around with it, so the bar (of `length` mm)
     keeps its direction to the axis: `radial`, `tangential` or `axial`. `linear="standing"`: they rest. Then
-    either the ball that the axis carries stands off the axis and the other one on it (radial; the bar is as
-    long as the ball is far from the axis, paper 1, (14)-(15)), or it stands on the axis and the bar keeps its
+    either the ball that the axis carries is off the axis and the other one on it (radial; the length of the bar
+    is the ball's distance from the axis, paper 1, (14)-(15)), or it is on the axis and the bar keeps its
     direction in the machine frame (paper 1, (16)-(18)). `table_ball` mm in the workpiece frame, by default
     within the workspace; `feed` degree/min; `hold` the positions of the other axes; `run_up_deg` is added at
     both ends. Raises `InputError` where an axis cannot follow.

@@ -21,8 +21,8 @@ PAUSE_S = 120.0
 
 
 def tool_ball_of(machine: Machine, wanted: Sequence[float] | None) -> Vector:
-    """The tool ball, mm in the tool frame: the wanted one or (0, 0, -L), L the middle of the workspace's
-    lengths."""
+    """The tool ball, mm in the tool frame: the given one or (0, 0, -L), L the middle of the workspace's
+    tool lengths."""
     if wanted is not None:
         return vector(wanted)
     shortest, longest = machine.workspace.tool_length or (150.0, 150.0)
@@ -105,7 +105,7 @@ def serpentine(grid: Mapping[str, Sequence[float]], *, returning: bool = False) 
     """All poses of a grid: the last axis moves fastest, to and fro; `returning` appends all of them
     backwards.
 
-    Each axis then approaches most poses from either side, which makes its backlash visible. Raises
+    Each axis then approaches most poses from both sides, which makes its backlash visible. Raises
     `InputError`.
     """
     for name, values in grid.items():
@@ -121,7 +121,7 @@ def serpentine(grid: Mapping[str, Sequence[float]], *, returning: bool = False) 
 
 
 def one_after_another(runs: Sequence[Run], *, pause_s: float = PAUSE_S) -> tuple[Run, ...]:
-    """The runs with `start_s` such that each begins `pause_s` after the end of the one before."""
+    """The runs with `start_s` set: each begins `pause_s` after the end of the one before."""
     laid, clock = [], 0.0
     for run in runs:
         laid.append(replace(run, start_s=clock))
@@ -130,5 +130,5 @@ def one_after_another(runs: Sequence[Run], *, pause_s: float = PAUSE_S) -> tuple
 
 
 def campaign_of(machine: Machine, runs: Sequence[Run], name: str = "plan", *, pause_s: float = PAUSE_S) -> Campaign:
-    """A plan: the runs one after another on the campaign's clock."""
+    """A plan of these runs, one after another on one clock."""
     return Campaign(machine=machine, runs=one_after_another(runs, pause_s=pause_s), name=name)

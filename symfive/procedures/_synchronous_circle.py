@@ -74,8 +74,8 @@ def synchronous_circle(
 
 @dataclass(frozen=True)
 class CircleFrame:
-    """Where the circles of a machine lie: its `rotary` axis, a point on that axis (`middle`, mm) and the directions `u` of
-    the linear axis, `v` across and `n` along the rotary axis, up, all in the workpiece frame (3,)."""
+    """Frame of a machine's circles: its `rotary` axis, a point on that axis (`middle`, mm) and the directions `u` of
+    the linear axis, `v` across and `n` along the rotary axis, upwards, all in the workpiece frame (3,)."""
 
     rotary: str
     middle: Array
