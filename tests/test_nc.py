@@ -145,7 +145,7 @@ def test_datum_and_tool_offset_are_called_and_cancelled_before_the_first_move(di
     text = program(machine, run, dialect, Post(machine_top=-3.0)).splitlines()
     lines = [_bare(line, dialect) for line in text]
     assert set(WORDS[dialect].calls) <= set(lines[: lines.index(WORDS[dialect].top)])
-    said = f"X Y Z are of the spindle nose, without a tool length, the tool ball is {-run.tool_ball[2]:g} mm below it"
+    said = f"X Y Z are positions of the spindle nose, without a tool length, the tool ball is {-run.tool_ball[2]:g} mm below it"
     assert said.lower() in _comments(text, dialect)
     three = preset("three-axis")
     circle = planar_circle(three)[0]

@@ -80,7 +80,7 @@ def test_tool_centre_control_comes_in_the_dialects_own_words(tmp_path: Path) -> 
     made.write(tmp_path / "plan", nc=("iso", "siemens"), post=Post(tool_centre=True, tool_number=7))
     iso = next((tmp_path / "plan/nc/iso").iterdir()).read_text()
     siemens = next((tmp_path / "plan/nc/siemens").iterdir()).read_text()
-    assert "In the program while tool-centre control is on X Y Z are of the tool ball" in (
+    assert "In the program: while tool-centre control is on, X Y Z are positions of the tool ball" in (
         tmp_path / "plan/setup.html"
     ).read_text(encoding="utf-8")
     made.write(tmp_path / "turned", nc=(), post=Post(reversed_axes=("C",)))

@@ -368,7 +368,7 @@ def test_the_sheet_says_what_the_program_says(made: Plan, tmp_path) -> None:
     page = (tmp_path / "plan" / "setup.html").read_text()
     head = (tmp_path / "plan" / "nc" / "linuxcnc" / "bar-1.ngc").read_text()
     length = f"{-made.campaign.runs[0].tool_ball[2]:g} mm below it"
-    for said in ("X Y Z are of the spindle nose, without a tool length", length, "cradle and drives of C, B"):
+    for said in ("X Y Z are positions of the spindle nose, without a tool length", length, "cradle and drives of C, B"):
         assert said in page.replace("&#x27;", "'") and said in head, said
     assert "First moves, not checked for collisions: Z alone to the top of its travel, machine coordinate 0" in page
     assert "no tool offset, the control shows X" in page

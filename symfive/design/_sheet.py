@@ -109,7 +109,7 @@ def _steps(sheet: Sheet, run: Run, stands: str) -> list[str]:
     programmed, stays = addressed(machine), _stays(sheet, run)
     steps = ["Work offset: origin of the workpiece frame, with all rotary axes at 0."]
     if programmed:
-        steps.append(f"In the program {which_point(machine, run, sheet.post)}.")
+        steps.append(f"In the program: {which_point(machine, run, sheet.post)}.")
         steps += [f"{said}." for said in turned_against(sheet.post)]
     if again is not None:
         held = mounted(run)[1]

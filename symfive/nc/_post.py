@@ -149,20 +149,20 @@ def which_point(machine: Machine, run: Run, post: Post) -> str:
     held = mounted(run)[1] or "tool ball"
     nose = "the spindle nose" + (" with all rotary axes at 0" if above else "")
     if not post.centred or circle_of(machine, run) is not None:
-        return f"X Y Z are of {nose}, without a tool length; the {held} is {length} below it"
+        return f"X Y Z are positions of {nose}, without a tool length; the {held} is {length} below it"
     table = any(machine.axes[name].rotary for name in machine.structure.workpiece)
     if not post.tool_centre_on:
         head = " (the head of each program says for which position of the table)" if table else ""
         return (
-            f"while tool-centre control is on X Y Z are of the {held} in the workpiece frame{head}, its length {length} "
-            f"called with it; elsewhere they are of {nose}, without a tool length"
+            f"while tool-centre control is on, X Y Z are positions of the {held} in the workpiece frame{head}, and its length "
+            f"{length} is called with it; elsewhere they are positions of {nose}, without a tool length"
         )
     on, off = (" ".join(text.replace("{words}", "").split()) for text in (post.tool_centre_on, post.tool_centre_off))
     stands = {None: "", True: f" as the table stands at {on}", False: " with the table at 0"}[post.frame_of_start]
     frame = f"{stands}, and turn with it" if table and stands else ""
     return (
-        f"from {on} to {off} X Y Z are of the {held} in the workpiece frame{frame}; its length {length} called by these "
-        f"lines; elsewhere they are of {nose}, without a tool length"
+        f"from {on} to {off}, X Y Z are positions of the {held} in the workpiece frame{frame}; these lines also call "
+        f"its length {length}; elsewhere they are positions of {nose}, without a tool length"
     )
 
 

@@ -52,7 +52,9 @@ def sheet(plan: Plan, paths: list[Path]) -> Iterator[Finding]:
             f"it says that no tool length is called, the {', '.join(sorted(offsets))} programs call one",
         )
     if not offsets and paths and not re.search(NO_LENGTH, text, re.I):
-        yield Finding("sheet", file, 0, "it does not say that X Y Z are of the spindle nose, without a tool length")
+        yield Finding(
+            "sheet", file, 0, "it does not say that X Y Z are positions of the spindle nose, without a tool length"
+        )
 
 
 def _differs(plan: Plan, run: Run, part: str) -> Iterator[str]:
