@@ -88,7 +88,7 @@ def _tiles(diagnosis: Diagnosis) -> list[tuple[str, str]]:
         else ("residual RMS", f"{after} {unit}"),
         ("estimated noise (1σ of one reading)", f"{plain_number(diagnosis.noise_um, unit)} {unit}"),
         ("χ²/dof", f"{plain_number(diagnosis.fit.chi2_dof_after)} ({expected_ratio(diagnosis.after.dof)})"),
-        ("p-value of “nothing is missing”, before", power_of_ten(diagnosis.p_value)),
+        ("p-value of the baseline (“nothing is missing”)", power_of_ten(diagnosis.p_value)),
         ("false-alarm rate of the general tests", percent(diagnosis.false_alarms)),
         ("effects tested", str(len(diagnosis.observability))),
     ]

@@ -80,7 +80,7 @@ def _sight(diagnosis: Diagnosis) -> str:
     alike = may_have_stayed(diagnosis.after)
     if alike:
         said += (
-            f" Set-up errors count as new in every run. If {', '.join(alike)} stayed mounted from run to run, enter it "
-            "(mounting in campaign.toml): then set-up errors absorb less."
+            f" Set-up errors count as new in every run. If {' or '.join(alike)} stayed mounted between runs at the same "
+            "position, enter it (mounting in campaign.toml): then they absorb less."
         )
     return said
