@@ -266,6 +266,13 @@ def test_the_program_waits_no_time_of_nothing(dialect: str) -> None:
     assert not re.search(r"(G4 [XPF]|DWELL )0\.000", text) and len(re.findall(r"(G4 [XPF]|DWELL )2\.000", text)) == 2
 
 
+def test_a_control_that_reads_capitals_gets_no_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without G93 the time of a block is a comment of the program too."""
+    monkeypatch.setitem(DIALECTS, "plain", replace(DIALECTS["iso"], name="plain", inverse_time=False))
+    text = program(*RUNS[0], "plain")
+    assert "(BLOCK TIME " in text and text == text.upper()
+
+
 def test_names_that_are_no_address() -> None:
     odd = replace(RUNS[2][0], name="brackets (and) 100 % ; {name}")
     assert "{" not in program(odd, RUNS[2][1], "iso")

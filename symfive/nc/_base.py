@@ -77,7 +77,7 @@ class Dialect:
     After the `head`, `rotary` (where the machine has rotary axes: kinematics off) and `start` set every modal state that the
     program relies on: units, plane, absolute words, datum, no tool offset; what may move the tool waits for the operator
     (`after_first_stop`); `end` ends it.
-    `retract` drives `{axis}` alone to `{value}` in machine coordinates, tool offset cancelled. `stop` shows its `{text}`, of at
+    `retract` drives `{axis}` alone in machine coordinates to `{words}`, tool offset cancelled. `stop` shows its `{text}`, of at
     most 26 characters, on the control's screen and waits. `datum` says in words which lines call datum and tool offset.
     `decimals` to which positions are written, by `word` with `{axis}`, `{value}` and `{decimals}`, fewer where all `digits`
     of a number would be more than the control reads; `upper`: it reads capital letters only.
@@ -162,7 +162,7 @@ def render(dialect: Dialect, name: str, steps: Sequence[Step], number: int = 1, 
     for step in steps:
         note = "" if timed else _block_time(step, before)
         if note and note != time:  # once for all blocks that take as long
-            lines.append(dialect.comment.format(text=note))
+            lines += _lines(dialect, Step(kind="comment", text=note), before, timed=timed)
         time = note
         lines += _lines(dialect, step, before, timed=timed)
         if step.kind == "stop":
