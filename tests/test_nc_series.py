@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -90,6 +91,29 @@ def test_tool_centre_control_comes_in_the_dialects_own_words(tmp_path: Path) -> 
     assert iso.index("G43.4 H7") < iso.index("SEAT BALL") < iso.rindex("G49")
     assert siemens.index("T7 D1\nTRAORI") < siemens.index("SEAT BALL") < siemens.rindex("TRAFOOF\nD0")
     assert not check(tmp_path / "plan")
+
+
+def test_a_new_dialect_is_read_by_its_entry(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As a how-to's reader adds one, with words of its own for the datum, machine coordinates and tool-centre control."""
+    start = ("G21 G17 G90 G94 G40 G80", "M5", "G15 H1", "G53")
+    own = replace(
+        DIALECTS["iso"], name="new", start=start, retract=("G53", "G16 H0 G0 {words}"), dwell="G4 F{seconds}",
+        stop=("({text})", "M0"), tool_centre=("G1 G169 H{tool} {words} F1", "G1 G170 {words} F1"),
+        frame_of_start=False, inverse_time=False, cycle=None,
+    )  # fmt: skip
+    needed = ("G17", "G21", "G40", "G80", "G90", "G53", "datum")
+    read = replace(
+        WORDS["iso"], needed=needed, dwell="F", datum="15", machine=("16",), no_length="53", centre=("169", "170"),
+        frame_of_start=False, message="", stops=False,
+    )  # fmt: skip
+    monkeypatch.setitem(DIALECTS, "new", own)
+    monkeypatch.setitem(WORDS, "new", read)
+    made = plan(location_only("table-bc"), points=4, starts=1, anywhere=False, prove=False)
+    for name, post in (("axes", Post()), ("centred", Post(tool_centre=True))):
+        made.write(tmp_path / name, nc=("new", "siemens"), post=post)
+        assert not check(tmp_path / name)
+    monkeypatch.setitem(WORDS, "new", replace(read, frame_of_start=True))
+    assert check(tmp_path / "centred")
 
 
 @pytest.mark.parametrize("dialect", ["heidenhain", "linuxcnc"])

@@ -189,13 +189,15 @@ class Control:
         """Indices of X, Y and Z."""
         return [self.machine.names.index(name) for name in "XYZ"]
 
-    def centre_as_it_stands(self) -> None:
-        """Tool-centre control is on, its frame fixed to the table as it stands (Fanuc, Mitsubishi), not with the table at 0."""
+    def centre(self, *, as_it_stands: bool) -> None:
+        """Tool-centre control is on, its frame fixed to the table with its axes at 0, or as it stands (Fanuc, Mitsubishi)."""
+        self.centred, self.frame = True, np.eye(4)
+        if not as_it_stands:
+            return
         table = [axis.name for axis in self.machine.chain.workpiece if axis.rotary]
         stands = np.where(np.isin(self.machine.names, table), self.position, 0.0)
         corners = self.machine.points(stands[None, :], np.vstack([np.eye(3), np.zeros(3)]))[0]
         self.frame = np.linalg.inv(np.block([[(corners[:3] - corners[3]).T, corners[3][:, None]], [np.zeros(3), 1.0]]))
-        self.centred = True
 
     def move(
         self, kind: str, line: int, words: Mapping[str, float], *, incremental: bool = False, arc: Arc | None = None

@@ -18,9 +18,9 @@ WORD = re.compile(
 MACRO_TEXT = 26
 """Characters of #3006 that the screen shows."""
 PLANES = {"17": ("X", "Y"), "18": ("Z", "X"), "19": ("Y", "Z")}
-SETTINGS = re.compile(r"17|18|19|21|40|49|50|6[01]|61\.1|64|69|71|80|9[012]\.1|500|60[1-3]|64[25]|710|43(\.4)?|9[0134]")
+SETTINGS = re.compile(r"17|18|19|21|40|49|50|6[01]|61\.1|64|69|71|80|9[012]\.1|500|60[1-3]|64[25]|710|43|9[0134]")
 NAMED = {
-    "TRAORI", "TRAFOOF", "TOROTOF", "PAROTOF", "STOPRE", "DIAMOF", "SOFT", "BRISK", "FFWON", "FFWOF", "COMPOF", "ORIMKS",
+    "TOROTOF", "PAROTOF", "STOPRE", "DIAMOF", "SOFT", "BRISK", "FFWON", "FFWOF", "COMPOF", "ORIMKS",
     "ORIWKS", "CYCLE800", "TRANS", "ROT", "SUPA",
 }  # fmt: skip
 BY_OPERATOR = re.compile(r"TURN SPINDLE TO ([-\d.]+) DEG")
@@ -127,21 +127,16 @@ class GCode:
                 control.inverse_time = code == "93"
             if code in ("43", self.words.no_length):
                 control.length_on = code == "43"
-            if code == "43.4":
-                control.centre_as_it_stands()
-            if code == self.words.no_length:
-                control.centred = False
+            self._centre(block.line, code)
             if re.fullmatch(self.words.datum, code):
                 control.switch(block.line, "datum")
-            elif SETTINGS.fullmatch(code) or re.fullmatch(self.words.known, code):
+            elif SETTINGS.fullmatch(code) or code in self._own or re.fullmatch(self.words.known, code):
                 control.switch(block.line, f"G{code}")
             elif code not in ("0", "1", "2", "3", "4", "28", "30", "75", *self.words.machine):
                 control.fault(block.line, f"the checker does not know G{code}")
         for name in block.names:
-            if name in ("TRAORI", "TRAFOOF"):
-                control.centred = name == "TRAORI"
-                control.frame = np.eye(4)
-            if name not in NAMED:
+            self._centre(block.line, name)
+            if name not in NAMED and name not in self._own:
                 control.fault(block.line, f"the checker does not know {name}")
             if name != "SUPA":
                 control.switch(block.line, name)
@@ -156,6 +151,20 @@ class GCode:
             and (set(block.g) & {"1", "2", "3"} or (not block.g and self.motion != "0"))
         ):
             control.feed = 0.0  # G93 wants F in every block
+
+    @property
+    def _own(self) -> set[str]:
+        """The control's words for tool-centre control and for no tool length."""
+        return {*self.words.centre, self.words.no_length}
+
+    def _centre(self, line: int, word: str) -> None:
+        """Tool-centre control goes on or off."""
+        control, (on, off) = self.control, self.words.centre
+        if word == on:
+            control.centre(as_it_stands=self.words.frame_of_start)
+            control.switch(line, "TCP on")
+        elif word == off:
+            control.centred = False
 
     def _stops(self, block: Block) -> None:
         control = self.control
@@ -212,7 +221,7 @@ class GCode:
         if len(words) < len(block.axes) or not self.motion:
             control.fault(block.line, "axis words without a number, or before any of G0 to G3")
             return
-        if {"43.4", self.words.no_length} & set(block.g):  # the place where the axes stand, in the words from here on
+        if self._own & set(block.g):  # the place where the axes stand, in the words from here on
             away = float(np.abs(control.to_axes(words, False, block.line)[0] - control.here()).max())
             if not away < SWITCHED_MM:
                 control.fault(block.line, f"the tool moves by {away:g} where its length is switched", "first move")

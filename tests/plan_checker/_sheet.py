@@ -38,11 +38,7 @@ def sheet(plan: Plan, paths: list[Path]) -> Iterator[Finding]:
             part += next((text[at:start] for other, at in starts[:k] if other.table["id"] == again[1]), "")
         for says in _differs(plan, run, part):
             yield Finding("sheet", file, 0, f"run {run.table['id']}: {says}")
-    fixed = [
-        path
-        for path in paths
-        if not any(e.text in ("G43.4", "TRAORI", "TCP on", "length taken out") for e in path.events)
-    ]
+    fixed = [path for path in paths if not any(e.text in ("TCP on", "length taken out") for e in path.events)]
     offsets = {path.dialect for path in fixed if any(e.text in ("G43", "D1", "length on") for e in path.events)}
     if offsets and re.search(NO_LENGTH, text, re.I):
         yield Finding(

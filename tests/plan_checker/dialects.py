@@ -11,10 +11,12 @@ class Dialect:
 
     Read: `klartext` or G-code; `comment` after `;` or in `(`brackets`)`; `dwell` the address of its seconds; `turns` the address
     of further turns of an arc and what it says for one turn; `datum` the numbers of the G codes that call one, `machine` the
-    words for machine coordinates in a block, `no_length` the G code without a tool length, `known` further G codes that set a
-    state; `needed` the states that a program sets before its first motion (of those in brackets one), `turning` where rotary axes
-    are. `message`: a text for the screen, whether it stops the program itself (`stops`; 26 characters), whether it stays until
-    the next one (`held`), whether a comment at a stop is shown too (`reads_comment`).
+    words for machine coordinates in a block, `no_length` the G code without a tool length, `centre` the words (G codes without
+    their G) for tool-centre control on and off, `frame_of_start` whether its frame is that of the table as it stands then;
+    `known` further G codes that set a state; `needed` the states that a program sets before its first motion (of those in
+    brackets one), `turning` where rotary axes are. `message`: a text for the screen, whether it stops the program itself
+    (`stops`; 26 characters), whether it stays until the next one (`held`), whether a comment at a stop is
+    shown too (`reads_comment`).
 
     Expected: `suffix` of the file; `top` the first move, to -3 mm in machine coordinates; `calls` lines that stand before it;
     `screen` a stop and its text; `orient` the spindle's angle; `circle` two turns clockwise of radius 100 mm; `spoiled` what is
@@ -36,6 +38,8 @@ class Dialect:
     datum: str = r"5[4-9]"
     machine: tuple[str, ...] = ("53",)
     no_length: str = "49"
+    centre: tuple[str, str] = ("43.4", "49")
+    frame_of_start: bool = True
     known: str = ""
     turns: tuple[str, float] = ("P", 1.0)
     message: str = ""
@@ -63,6 +67,7 @@ DIALECTS: dict[str, Dialect] = {
         circle=(IN, f"{TURN} TURN=1 F1000", OUT), spoiled=("TURN=1", "TURN=2", "turns by"),
         needed=("G17", ("G71", "G710"), "G40", "G90", ("D0", "D1"), "datum"), turning=("TRAFOOF",),
         comment=";", dwell="F", datum=r"5[4-7]|50[5-9]|5[1-9]\d", machine=("53", "153", "SUPA"), turns=("TURN", 0.0),
+        centre=("TRAORI", "TRAFOOF"), frame_of_start=False,
         message=r'MSG\(\s*"?(?P<text>.*?)"?\s*\)', held=True,
     ),
     "heidenhain": Dialect(
