@@ -13,6 +13,7 @@ from symfive.campaign import Campaign
 from symfive.diagnose import diagnose
 from symfive.effects import make_effect
 from symfive.identify import identify, wiring_doubts
+from symfive.instruments import INSTRUMENTS
 from symfive.machine import Machine, preset
 from symfive.procedures import campaign_of, r_test_grid
 from symfive.report import diagnosis_text
@@ -92,6 +93,17 @@ def positioned(*factors: float) -> Campaign:
 def test_a_laser_s_file_of_another_sign_or_unit_is_said(factors, says) -> None:
     doubts = wiring_doubts(identify(positioned(*factors)))
     assert len(doubts) == len(says) and all(d.startswith(s) for d, s in zip(doubts, says, strict=True)), doubts
+
+
+def test_a_new_instrument_s_file_is_asked_after_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Level(type(INSTRUMENTS["laser"])):
+        name = "level"
+
+    monkeypatch.setitem(INSTRUMENTS, "level", Level())
+    made = positioned(1.0, 1.0, -1.0)
+    new = replace(made, runs=tuple(replace(run, instrument=("level",)) for run in made.runs))
+    (said,) = wiring_doubts(identify(new))
+    assert said.startswith("run r2: X_dev reversed in sign would explain")
 
 
 def test_an_axis_that_grows_holds_no_other_readings() -> None:

@@ -19,11 +19,10 @@ import numpy as np
 from symfive.arrays import Array
 from symfive.effects import Effect
 from symfive.identify._result import Identification
-from symfive.instruments import INSTRUMENTS
+from symfive.instruments import INSTRUMENTS, instruments_of
 from symfive.model import Model
 from symfive.numbers import plain_number
 
-WIRED = ("r_test", "ball_bar", "grid_encoder", "touch_probe", "laser", "straightedge", "drive_force")
 MOST_COLUMNS = 3
 UNITS = {1e-3: "1000 times too large", 1e3: "1000 times too small"}
 ODDS = 0.01
@@ -74,10 +73,10 @@ def _places(fit: Identification) -> dict[tuple[Part, ...], tuple[str, ...]]:
     """Where other readings may be, with their columns: each run, and all whose columns are the same."""
     campaign, alike = fit.model.campaign, dict[tuple[str, ...], list[Part]]()
     for run in campaign.runs:
-        for name in set(WIRED) & set(run.instrument):
-            columns = tuple(column.name for column in INSTRUMENTS[name].columns(run, campaign.machine))
-            if len(columns) <= MOST_COLUMNS and set(columns) <= set(run.readings):
-                alike.setdefault(columns, []).append((run.id, name))
+        for instrument in instruments_of(run):
+            columns = tuple(column.name for column in instrument.columns(run, campaign.machine))
+            if instrument.wired and len(columns) <= MOST_COLUMNS and set(columns) <= set(run.readings):
+                alike.setdefault(columns, []).append((run.id, instrument.name))
     single = {(part,): columns for columns, parts in alike.items() for part in parts}
     return single | {tuple(parts): columns for columns, parts in alike.items()}
 

@@ -32,6 +32,8 @@ class Instrument:
     plain_weights: ClassVar[bool] = False
     """Whether its residual is mostly what any model leaves out (friction that is no law) and not noise of a sensor: then
     every reading counts the same, and the uncertainty allows for the residual's correlation as it is."""
+    wired: ClassVar[bool] = True
+    """Whether its columns, up to three, are asked after as exchanged, reversed or in another unit where a fit leaves much."""
     stands: ClassVar[str] = ""
     """What the set-up sheet has mounted on the table at `table_ball`; nothing where it names no place."""
     held: ClassVar[str] = "tool ball"

@@ -32,6 +32,7 @@ class Displacement(Instrument):
     """
 
     name = "displacement"
+    wired = False
     ball_drawn = True
 
     def check(self, run: Run, machine: Machine) -> None:

@@ -24,6 +24,7 @@ class Encoder(Instrument):
     """
 
     name = "encoder"
+    wired = False
     imported = (("act", "mm", "deg"),)
     on_control = True
 

@@ -29,6 +29,7 @@ class Tracker(Instrument):
     """
 
     name = "tracker"
+    wired = False
     numbers = ("placement", "placement_sigma")
     ball_drawn = True
 
