@@ -7,7 +7,7 @@ import textwrap
 from pathlib import Path
 
 from symfive.campaign import Campaign
-from symfive.effects import EFFECTS, Effect, make_effect
+from symfive.effects import EFFECTS, Effect, Form, make_effect
 from symfive.errors import InputError
 from symfive.machine import preset
 from symfive.procedures import campaign_of, planar_circle, r_test_grid, rotary_circle
@@ -43,7 +43,7 @@ OPTIONS: dict[str, tuple[str | None, dict[str, object]]] = {
     "load_moment": ("Y", {}),
     "varying": (None, {"of": make_effect("backlash", "C"), "over": "B"}),
 }
-"""Axis and options with which each effect is drawn; those not listed need none."""
+"""Axis and options with which an effect is drawn that needs options, or is seen better so than in its first form."""
 
 
 def campaign() -> Campaign:
@@ -65,9 +65,27 @@ def effects_page(source: Path) -> str:
     return "\n".join(_section(identity, plan, folder) for identity in EFFECTS)
 
 
+def drawn(identity: str, plan: Campaign) -> Effect:
+    """The effect as it is listed; else the plain one, its first candidate that can join, or the plain one on the first axis where
+    it can. Raises `InputError` where none can."""
+    if identity in OPTIONS:
+        axis, options = OPTIONS[identity]
+        return make_effect(identity, axis, **options).prepare(plan)
+    kind = EFFECTS[identity]
+    problem = InputError(f"effect {identity}: it acts nowhere in this campaign")
+    forms = [form for form in kind.candidates(plan) if isinstance(form, Form)]
+    axes = plan.machine.axis_names if kind.needs_axis else ()
+    for effect in (None, *(form.effect for form in forms), *axes):
+        try:
+            made = effect if isinstance(effect, Effect) else make_effect(identity, effect)
+            return made.prepare(plan)
+        except InputError as error:
+            problem = error
+    raise problem
+
+
 def _section(identity: str, plan: Campaign, folder: Path) -> str:
     kind = EFFECTS[identity]
-    axis, options = OPTIONS.get(identity, (None, {}))
     module = inspect.getmodule(kind)
     head = textwrap.dedent(inspect.getdoc(module) or "").strip().split("\n\n")[0].replace("\n", " ")
     lines = [f"## {identity}", "", head, "", inspect.getdoc(kind) or "", ""]
@@ -78,7 +96,7 @@ def _section(identity: str, plan: Campaign, folder: Path) -> str:
     if kind.action:
         lines += [f"*What to do:* {kind.action}.", ""]
     try:
-        effect = make_effect(identity, axis, **options).prepare(plan)
+        effect = drawn(identity, plan)
     except InputError as error:
         return "\n".join([*lines, f"Not drawn here: {error}", ""])
     return "\n".join([*lines, *_parameters(effect, plan), *_picture(effect, plan, folder)])

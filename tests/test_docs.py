@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import shlex
+import sys
 import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -18,14 +19,14 @@ from effects_world import assert_exact
 
 from symfive.campaign import Campaign, Run, write_campaign
 from symfive.cli import app, main
-from symfive.effects import EFFECTS
+from symfive.effects import EFFECTS, make_effect
 from symfive.errors import InputError
 from symfive.instruments import INSTRUMENTS, instruments_of
 from symfive.machine import machine_from_data, preset
 from symfive.model import Model
 from symfive.moves import cleared
 from symfive.nc import DIALECTS, Post, can_write, write_programs
-from symfive.procedures import campaign_of, planar_circle, r_test_grid
+from symfive.procedures import campaign_of, planar_circle, r_test_grid, rotary_circle
 from symfive.simulate import simulate
 from symfive.version import __version__
 from tests.plan_checker import check
@@ -168,6 +169,25 @@ def test_effects_of_their_page_are_exact_and_named_by_component(own_tables):
     moved = model.contribution(forms[0], model.vector({p.name: 3.0 for p in forms[0].parameters(plan)}))
     assert np.abs(moved["r-test-1"]).max() == pytest.approx(3.0) and not moved["driven-r-test-1"].any()
     assert not list(EFFECTS["clamp_shift"].candidates(campaign_of(machine, still)))
+    turns = campaign_of(machine, rotary_circle(machine, axis="C", table_ball=(80.0, 30.0, 100.0), rate_hz=10.0))
+    (swell,) = (form.effect for form in EFFECTS["table_swell"].candidates(turns))
+    gains = make_effect("servo_mismatch", "C")
+    assert_exact(Model(turns, [swell, gains]), ["table_swell.C.expansion", gains.parameters(turns)[0].name])
+
+
+def test_the_effects_page_asks_its_reader_for_no_axis_or_option(own_tables):
+    """What it does not draw lacks a recording, or its machine has a drive."""
+    sys.path.insert(0, str(ROOT / "docs"))
+    from _effects_page import campaign, drawn
+
+    python_of(ROOT / "docs/howto/effect.md")
+    plan = campaign()
+    for name in EFFECTS:
+        try:
+            drawn(name, plan)
+        except InputError as error:
+            assert "no run records" in str(error) or name == "following_lag", error
+    assert drawn("table_swell", plan).axis == "C" and drawn("axis_growth", plan).axis in plan.machine.linear_axes
 
 
 def test_a_dialect_of_its_page_drives_what_the_others_drive(own_tables, tmp_path, monkeypatch):
