@@ -13,7 +13,7 @@ import pytest
 from effects_world import CASES, around, campaign, every_case, model_of, polar
 from laser_world import laser_run
 
-from symfive.campaign import Campaign, read_campaign
+from symfive.campaign import Campaign, Run, read_campaign
 from symfive.effects import EFFECTS, VOCABULARY, Quantity, make_effect
 from symfive.errors import InputError
 from symfive.machine import Machine, Structure, make_axis
@@ -105,6 +105,24 @@ def test_amplitude_and_phase_are_reported_with_their_uncertainty() -> None:
         math.sqrt(along_it[::-1] * (-1, 1) @ matrix @ (along_it[::-1] * (-1, 1))) / 3.0
     )
     assert (found["period"].unit, found["amplitude"].unit, found["phase"].unit) == ("mm", "um", "rad")
+
+
+def test_an_instrument_has_the_columns_of_its_own_run() -> None:
+    """Beside a ball bar, whose run has neither the axis of a laser nor sensors, nothing may ask that run for them."""
+    circle = campaign("planar").runs[0]
+    sensors = [{"direction": list(e), "position": [0.0, 0.0, 0.0]} for e in np.eye(3)]
+    rest = {
+        "time": np.arange(3.0),
+        "commands": {name: q[:3] for name, q in circle.commands.items()},
+        "sampling": "static",
+    }
+    beside = (
+        Run(id="line", instrument=("laser",), options={"axis": "X"}, **rest),
+        Run(id="ball", instrument=("displacement",), options={"sensors": sensors}, **rest),
+    )
+    plan = replace(campaign("planar"), runs=(circle, *beside))
+    forms = [form.effect for form in EFFECTS["sensor_error"].candidates(plan)]
+    assert [(effect.shape, effect.instrument) for effect in forms] == [("matrix", "displacement"), ("gain", "r_test")]
 
 
 def test_vocabulary_is_that_of_the_conventions() -> None:

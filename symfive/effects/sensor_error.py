@@ -67,8 +67,8 @@ class SensorError(Effect):
 
     @classmethod
     def candidates(cls, campaign: Campaign) -> Forms:
-        probes = [i for run in campaign.runs for i in instruments_of(run) if not i.on_control]
-        several = sorted({i.name for i in probes if len(i.columns(campaign.runs[0], campaign.machine)) > 1})
+        probes = [(i, run) for run in campaign.runs for i in instruments_of(run) if not i.on_control]
+        several = sorted({i.name for i, run in probes if len(i.columns(run, campaign.machine)) > 1})
         yield from (Form(effect=cls(instrument=name, shape="matrix")) for name in several[:1])
         yield Form(effect=cls(tag="gain"))
 
