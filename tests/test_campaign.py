@@ -1,5 +1,6 @@
 """Campaigns: read, written, joined without loss; every wrong row named by file, line, column and remedy."""
 
+import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -83,6 +84,20 @@ def test_everything_is_read(folder):
     said = " ".join(campaign.notes)
     assert '"operator"' in said and '"temperature"' in said and "run two declares no setup_sigma_um" in said
     assert campaign.measured and campaign.rows == 4
+
+
+def test_every_instrument_that_takes_its_set_up_as_usual_is_named(tmp_path):
+    machine, plain = preset("three-axis"), {"sampling": "static", "time": [0.0], "commands": {n: [0.0] for n in "XYZ"}}
+    sensors = {"sensors": [{"direction": [1.0, 0.0, 0.0], "position": [0.0, 0.0, 0.0]}]}
+    runs = (
+        Run(id="sensor", instrument=("displacement",), options=sensors, **plain),
+        Run(id="line", instrument=("laser",), options={"axis": "X"}, **plain),
+    )
+    write_campaign(Campaign(machine=machine, runs=runs), tmp_path)
+    file = tmp_path / "campaign.toml"
+    file.write_text(re.sub(r"setup_sigma_um = .*\n", "", file.read_text(encoding="utf-8")), encoding="utf-8")
+    (note,) = read_campaign(tmp_path).notes
+    assert note.startswith("run sensor declares no setup_sigma_um")
 
 
 def test_written_verbatim_and_the_same(folder, tmp_path, monkeypatch):

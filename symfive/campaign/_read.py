@@ -42,7 +42,7 @@ def read_campaign(path: Path | str) -> Campaign:
     notes = [f'key "{key}" of {machine_file} is unknown to symfive; it is kept' for key in unknown_keys(machine)]
     notes += [f'key "{key}" of campaign.toml is unknown to symfive; it is kept' for key in extra]
     for draft, block in zip(drafts, data["run"], strict=True):
-        notes += _run_notes(draft, block)
+        notes += _run_notes(draft, block, machine)
 
     def build(runs: tuple[Run, ...]) -> Campaign:
         return Campaign(
@@ -87,10 +87,12 @@ def _machine_file(file: TomlFile) -> str:
     return name
 
 
-def _run_notes(run: Run, block: Mapping[str, Any]) -> list[str]:
+def _run_notes(run: Run, block: Mapping[str, Any], machine: Machine) -> list[str]:
     unknown = [key for key in run.options if key not in OPTIONS]
     notes = [f'key "{key}" of run {run.id} is unknown to symfive; it is kept' for key in unknown]
-    if "setup_sigma_um" not in block and {"ball_bar", "r_test", "touch_probe", "grid_encoder"} & set(run.instrument):
+    exact = replace(run, setup_sigma_um=SetupSigma(table_ball=0.0, tool_ball=0.0, length=0.0))
+    read = instruments_of(run)
+    if "setup_sigma_um" not in block and any(i.parameters(run, machine) != i.parameters(exact, machine) for i in read):
         notes.append(f"run {run.id} declares no setup_sigma_um; 20 µm per ball and 0.5 µm of length are assumed")
     return notes
 
