@@ -121,8 +121,30 @@ def test_an_instrument_has_the_columns_of_its_own_run() -> None:
         Run(id="ball", instrument=("displacement",), options={"sensors": sensors}, **rest),
     )
     plan = replace(campaign("planar"), runs=(circle, *beside))
-    forms = [form.effect for form in EFFECTS["sensor_error"].candidates(plan)]
-    assert [(effect.shape, effect.instrument) for effect in forms] == [("matrix", "displacement"), ("gain", "r_test")]
+    assert forms_of_a_sensor(plan) == [
+        ("sensor_error", "matrix", "displacement"),
+        ("sensor_error.gain", "gain", "r_test"),
+    ]
+
+
+def test_each_instrument_of_several_columns_may_have_a_cross_sensitivity() -> None:
+    """An instrument of an earlier letter does not hide that of the R-test."""
+    nest = campaign("static").runs[0]
+    plate = replace(
+        nest, id="plate", file="plate.csv", instrument=("grid_encoder",), u=(1.0, 0.0, 0.0), v=(0.0, 1.0, 0.0)
+    )
+    plan = replace(campaign("static"), runs=(nest, plate))
+    *matrices, _ = forms_of_a_sensor(plan)
+    assert matrices == [(f"sensor_error.{name}", "matrix", name) for name in ("grid_encoder", "r_test")]
+    effects = [form.effect for form in EFFECTS["sensor_error"].candidates(plan)]
+    model = Model(plan, effects[:2])
+    names = [f"sensor_error.{name}.matrix.12" for name in ("grid_encoder", "r_test")]
+    assert set(names) <= set(model.index)
+
+
+def forms_of_a_sensor(plan: Campaign) -> list[tuple[str, str, str]]:
+    effects = [form.effect for form in EFFECTS["sensor_error"].candidates(plan)]
+    return [(effect.key, effect.shape, effect.instrument) for effect in effects]
 
 
 def test_vocabulary_is_that_of_the_conventions() -> None:

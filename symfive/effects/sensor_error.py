@@ -69,7 +69,8 @@ class SensorError(Effect):
     def candidates(cls, campaign: Campaign) -> Forms:
         probes = [(i, run) for run in campaign.runs for i in instruments_of(run) if not i.on_control]
         several = sorted({i.name for i, run in probes if len(i.columns(run, campaign.machine)) > 1})
-        yield from (Form(effect=cls(instrument=name, shape="matrix")) for name in several[:1])
+        for name in several:
+            yield Form(effect=cls(instrument=name, shape="matrix", tag=name if len(several) > 1 else ""))
         yield Form(effect=cls(tag="gain"))
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
