@@ -173,12 +173,14 @@ def certify_joint(
 
 
 def merged(campaigns: Sequence[Campaign]) -> Campaign:
-    """One campaign of all, measured one after the other; where names of runs are taken, the later ones have a number before
-    theirs."""
+    """One campaign of all, measured one after the other, each after the time of its set-up; where names of runs are taken, the
+    later ones have a number before theirs."""
     whole = campaigns[0]
     for number, campaign in enumerate(campaigns[1:], start=2):
-        taken = {run.id for run in whole.runs} & {run.id for run in campaign.runs}
-        whole = whole.joined(campaign, prefix=f"{number}-" if taken else "")
+        end = max(run.start_s + run.duration for run in whole.runs)
+        later = replace(campaign, runs=tuple(replace(run, start_s=end + run.start_s) for run in campaign.runs))
+        taken = {run.id for run in whole.runs} & {run.id for run in later.runs}
+        whole = whole.joined(later, prefix=f"{number}-" if taken else "")
     return whole
 
 
