@@ -65,7 +65,7 @@ class Writer:
         self.places = self.seat.places
         self.bar = "ball_bar" in run.instrument
         self.seated = self.centred = False
-        self.table: Positions = {}
+        self.frame: tuple[Array, Array] | None = None
         self.least_lift = LEAST_LIFT_MM
         self._known: dict[bool, dict[int, list[tuple[Array, Array, Array]]]] = {}
         self.circle = circle_of(machine, run)
@@ -179,7 +179,7 @@ class Writer:
         if wanted and self.circle is not None:
             return []  # no rotary axis moves: a circle of the linear axes themselves
         self.centred = wanted and self.post.centred
-        self.table = there if self.centred and self.post.frame_of_start else {}
+        self.frame = self._table_frame(there) if self.centred and self.post.frame_of_start else None
         text = self.post.tool_centre_on if wanted else self.post.tool_centre_off
         if "{words}" in text and not there:
             return []  # the head of the program has switched it off
@@ -357,17 +357,16 @@ class Writer:
             nest = np.asarray(self.run.table_ball)
             if not self.bar and np.abs(place - nest).max() < STANDSTILL:
                 place = nest  # a last digit that changes would be a move of the tool's centre, with a feed of its own
-            words |= dict(zip("XYZ", self._as_it_stands(place).tolist(), strict=True))
+            if self.frame is not None:
+                origin, rotation = self.frame
+                place = origin + rotation @ place
+            words |= dict(zip("XYZ", place.tolist(), strict=True))
         return words
 
-    def _as_it_stands(self, place: Array) -> Array:
-        """A place in the workpiece frame in the frame of the words: that frame, or where the table's rotary axes had it where
-        tool-centre control was switched on."""
-        if not self.table:
-            return place
-        rotary = {n: np.array([self.table[n] if n in self.rotary else 0.0]) for n in self.names}
-        turned = self.nominal.workpiece_rotation(rotary)[0] @ place
-        return np.asarray(self.nominal.workpiece_origin(rotary)[0] + turned)
+    def _table_frame(self, there: Positions) -> tuple[Array, Array]:
+        """Origin and rotation of the workpiece frame as the table's rotary axes stand, in that with all axes at 0."""
+        rotary = {n: np.array([there[n] if n in self.rotary else 0.0]) for n in self.names}
+        return self.nominal.workpiece_origin(rotary)[0], self.nominal.workpiece_rotation(rotary)[0]
 
 
 def _by_letter(name: str) -> tuple[int, str]:
