@@ -16,7 +16,6 @@ from symfive.design._schedule import SETUP_S
 from symfive.drawing import PAGE_STYLE, SCRIPT, poses_figure, templates
 from symfive.instruments import instruments_of, mounted
 from symfive.machine import Machine
-from symfive.moves import greatest_lean
 from symfive.nc import (
     UNCHECKED,
     Post,
@@ -96,14 +95,15 @@ def _run(sheet: Sheet, nominal: Nominal, run: Run) -> dict[str, Any]:
     """What the page shows of a run."""
     stands, _ = mounted(run)
     return {
-        "id": run.id, "rows": run.rows, "minutes": f"{_minutes(sheet, run):.0f}", "steps": _steps(sheet, run, stands),
+        "id": run.id, "rows": run.rows, "minutes": f"{_minutes(sheet, run):.0f}",
+        "steps": _steps(sheet, nominal, run, stands),
         "places": _ball_positions(nominal, run, stands) if stands and not _stays(sheet, run) else None,
         "recording": _recording(nominal, run) if run.dynamic else None,
         "poses": None if run.dynamic else pose_table(sheet.campaign, run, sheet.post),
     }  # fmt: skip
 
 
-def _steps(sheet: Sheet, run: Run, stands: str) -> list[str]:
+def _steps(sheet: Sheet, nominal: Nominal, run: Run, stands: str) -> list[str]:
     """What the operator does, in order."""
     machine, again = sheet.campaign.machine, mounted_before(sheet.campaign.runs, run)
     programmed, stays = addressed(machine), _stays(sheet, run)
@@ -137,7 +137,7 @@ def _steps(sheet: Sheet, run: Run, stands: str) -> list[str]:
             "spindle by hand; the ball stays in the nest."
         )
     if "r_test" in run.instrument:
-        steps.append(_lean(machine, run, stands))
+        steps.append(_lean(nominal, run, stands))
     steps += _start(sheet, run)
     if not programmed:
         return steps
@@ -208,10 +208,12 @@ def _start(sheet: Sheet, run: Run) -> list[str]:
     ]
 
 
-def _lean(machine: Machine, run: Run, stands: str) -> str:
+def _lean(nominal: Nominal, run: Run, stands: str) -> str:
     """Tilt of the tool from the axis of an R-test's nest, and its limit."""
-    opening = machine.workspace.nest_opening
-    tilts = f"The tool tilts up to {greatest_lean(machine, run):.0f}° from the upright axis of the {stands}"
+    opening = nominal.machine.workspace.nest_opening
+    upright = nominal.seen_from_workpiece(run.commands, nominal.tool_rotation(run.commands)[:, :, 2])[:, 2]
+    tilt = np.degrees(np.arccos(np.clip(upright.min(), -1.0, 1.0)))
+    tilts = f"The tool tilts up to {tilt:.0f}° from the upright axis of the {stands}"
     if opening is not None:
         return f"{tilts}; {opening:g}° are allowed (nest_opening)."
     return f"{tilts}: check that its sensors leave room for that, or state nest_opening in [workspace] and plan again."

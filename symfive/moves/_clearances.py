@@ -33,13 +33,6 @@ NEAR = (*ON_THE_BAR[1:], "tool and table ball", "tip and post", NEST)
 """Pairs that come near while the instrument reads."""
 
 
-def greatest_lean(machine: Machine, run: Run) -> float:
-    """How far the tool leans at most from the upright of the table at the poses of a run, degree."""
-    commands = np.stack([run.commands[name] for name in machine.axis_names], axis=1)
-    upright = Clearances(machine, run).frames(commands)[1][:, 2]
-    return math.degrees(math.acos(float(np.clip(upright.min(), -1.0, 1.0))))
-
-
 class Clearances:
     """Clearances of a run's bodies at any position of the axes; `names` (m,) of the pairs; `reach` mm from the tool ball to the
     farthest point of what moves with the tool."""
