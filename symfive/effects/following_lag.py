@@ -22,6 +22,7 @@ SHAPES = ("lag", "loop")
 INNER = {"velocity_gain": ("1/s", 300.0), "integral_time": ("s", 0.05), "viscous": ("1/s", 5.0)}
 """Unit and usual size of what the velocity loop has (conventions, section 3); each as uncertain as it is large."""
 LEAST = 0.02
+"""Share of its usual size that a gain of the loop has at least; the least lag of a loop, ms."""
 
 
 @dataclass(frozen=True, kw_only=True)

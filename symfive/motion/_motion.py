@@ -213,9 +213,10 @@ class RunMotion:
 
     def _has_loop(self, axis: Axis) -> bool:
         """Whether an axis moves as the loop of a drive, stated in the machine file or, with a lag, made up by parameters."""
-        lag = self._freed.get((axis.name, LAG))
-        made_up = lag is not None and any((axis.name, quantity) in self._freed for quantity in LOOP)
-        return axis.drive is not None or (made_up and self.values[str(lag)] > 0.0)
+        if axis.drive is not None:
+            return True
+        lag = self.values.get(self._freed.get((axis.name, LAG), ""), 0.0)
+        return lag > 0.0 and any((axis.name, quantity) in self._freed for quantity in LOOP)
 
     def _lagged(self, axis: Axis, command: Series) -> Series:
         """The position of an axis that follows its command exactly, or with a lag where that is a parameter; where the recording
@@ -313,19 +314,21 @@ class RunMotion:
         wanted = {q: self._freed[axis.name, q] for q in GAINS if (axis.name, q) in self._freed}
         gains = {quantity: float(getattr(axis.drive, quantity, 0.0)) for quantity in LOOP}
         gains |= {quantity: self.values[name] for quantity, name in wanted.items()}
-        scale = np.ones(1 + len(wanted))
         if (lag := self._freed.get((axis.name, LAG))) is not None:
             gains["position_gain"] = 1.0 / self.values[lag]
-            wanted, scale = {**wanted, "position_gain": lag}, np.append(scale, -(gains["position_gain"] ** 2))
+            wanted["position_gain"] = lag
 
         order, (commanded, first) = tuple(sorted(gains.items())), finer(self.run, command, factor)
 
         def respond(chords: int) -> Array:
             column = commanded if chords == factor else finer(self.run, command, chords)[0]
-            found = _remembered(column.tobytes(), self.run.interval / chords, order, tuple(wanted))[:: chords // factor]
-            return found * scale
+            return _remembered(column.tobytes(), self.run.interval / chords, order, tuple(wanted))[:: chords // factor]
 
-        return along_the_curve(self.run, factor, respond), tuple(wanted.values()), first
+        found = along_the_curve(self.run, factor, respond)
+        if lag is not None:  # the last slope is in the gain, its inverse
+            found = found.copy()
+            found[:, :, -1] *= -(gains["position_gain"] ** 2)
+        return found, tuple(wanted.values()), first
 
     def led(self, name: str) -> tuple[Array, Series, int]:
         """Instants, s, and positions of an axis with the motion before the first row, where the recording begins in motion, and
