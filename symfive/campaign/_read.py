@@ -90,11 +90,15 @@ def _machine_file(file: TomlFile) -> str:
 def _run_notes(run: Run, block: Mapping[str, Any], machine: Machine) -> list[str]:
     unknown = [key for key in run.options if key not in OPTIONS]
     notes = [f'key "{key}" of run {run.id} is unknown to symfive; it is kept' for key in unknown]
-    exact = replace(run, setup_sigma_um=SetupSigma(table_ball=0.0, tool_ball=0.0, length=0.0))
-    read = instruments_of(run)
-    if "setup_sigma_um" not in block and any(i.parameters(run, machine) != i.parameters(exact, machine) for i in read):
+    if "setup_sigma_um" not in block and _counts_on_setup(run, machine):
         notes.append(f"run {run.id} declares no setup_sigma_um; 20 µm per ball and 0.5 µm of length are assumed")
     return notes
+
+
+def _counts_on_setup(run: Run, machine: Machine) -> bool:
+    """Whether an instrument of the run has unknowns whose priors are those of balls or length."""
+    exact = replace(run, setup_sigma_um=SetupSigma(table_ball=0.0, tool_ball=0.0, length=0.0))
+    return any(i.parameters(run, machine) != i.parameters(exact, machine) for i in instruments_of(run))
 
 
 def _drafts(file: TomlFile, machine: Machine) -> tuple[Run, ...]:
