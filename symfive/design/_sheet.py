@@ -111,14 +111,13 @@ def _steps(sheet: Sheet, nominal: Nominal, run: Run, stands: str) -> list[str]:
     if programmed:
         steps.append(f"In the program: {which_point(machine, run, sheet.post)}.")
         steps += [f"{said}." for said in turned_against(sheet.post)]
+    _, held = mounted(run)
     if again is not None:
-        held = mounted(run)[1]
-        held = "calibrate the probe again" if "touch_probe" in run.instrument else f"remount the {held}"
-        anew = f"remount the {stands}, {held} (new set-up errors)"
+        tool = "calibrate the probe again" if "touch_probe" in run.instrument else f"remount the {held}"
+        anew = f"remount the {stands}, {tool} (new set-up errors)"
         steps.append(f"The same mounting as for run {again.id}: {'leave everything in place' if stays else anew}.")
     if stands and not stays:
         steps += _place(run, stands)
-        _, held = mounted(run)
         steps.append(f"{held[0].upper()}{held[1:]} at {-run.tool_ball[2]:.0f} mm below the spindle nose.")
     if stands and again is None and (before := _same_tool(sheet.campaign, run)) is not None:
         anew = "Calibrate it again" if "touch_probe" in run.instrument else "Remount it in the spindle"
