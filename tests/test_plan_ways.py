@@ -356,9 +356,8 @@ def test_another_retract_leads_to_other_ways_that_are_clear(made: Plan, tmp_path
 def test_a_plan_with_fewer_readings_than_unknowns_says_why_its_certificate_is_low(made: Plan, hurried: Plan) -> None:
     unknowns = len(made.assessment.parameters)
     (said,) = (note for note in made.notes if "unknowns" in note)
-    assert said.startswith(
-        f"8 readings for {unknowns} unknowns of machine and set-up: they determine {made.assessment.rank}"
-    )
+    determined = f"determine {made.assessment.rank} combinations; the priors determine the rest"
+    assert f"8 readings for {unknowns} unknowns of machine and set-up {determined}" in said
     assert not [note for note in hurried.notes if "unknowns" in note]
 
 
