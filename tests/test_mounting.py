@@ -192,7 +192,9 @@ def test_a_drift_that_new_set_up_errors_absorb_is_found_behind_a_ball_that_stays
 def test_a_drift_behind_a_ball_of_which_nothing_is_said_is_not_found(tmp_path: Path) -> None:
     silent = diagnose(concealed(tmp_path / "c", said=False, effects=(DRIFT,)))
     assert silent.findings == ()
-    assert "If the tool ball stayed mounted between runs at the same position, enter it" in " ".join(diagnosis_text(silent).split())
+    assert "If the tool ball stayed mounted between runs at the same position, enter it" in " ".join(
+        diagnosis_text(silent).split()
+    )
 
 
 @pytest.mark.slow
