@@ -8,6 +8,7 @@ import pytest
 
 from symfive.campaign import Campaign
 from symfive.diagnose import diagnose
+from symfive.effects import make_effect
 from symfive.identify import Tension, identify, relief_notes, tensions
 from symfive.machine import preset
 from symfive.model import Model
@@ -52,6 +53,15 @@ def test_a_finding_that_only_relieves_the_priors_is_doubted() -> None:
     assert (
         "check first where balls" in (said := " ".join(found.doubts).lower()) and "how long the bar is (length" in said
     )
+
+
+def test_an_effect_is_no_tension_however_large() -> None:
+    """ "Check where balls and nests stand before a correction is entered" was said of the friction of a drive."""
+    play = make_effect("backlash", "X")
+    truth = dict.fromkeys((p.name for p in Model(PLAN).parameters), 0.0) | {"backlash.X.width": 300.0}
+    found = identify(simulate(PLAN, truth=truth, effects=[play], seed=1).campaign, effects=[play])
+    assert found["backlash.X.width"] == pytest.approx(300.0, abs=3.0 * found.uncertainty("backlash.X.width"))
+    assert not [note for note in found.notes if "prior mean" in note]
 
 
 def test_a_diagnosis_without_findings_says_what_to_check() -> None:

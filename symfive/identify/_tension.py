@@ -40,13 +40,14 @@ class Tension:
 
 
 def tensions(fit: Identification) -> tuple[Tension, ...]:
-    """The estimates' distance from the prior means, in units of what was expected of it, machine and set-up apart.
+    """The estimates' distance from the prior means, in units of what was expected of it, machine and set-up apart; an effect is as
+    large as it is.
 
     Before the data, an estimate is spread about the prior mean with covariance P - C (prior less posterior).
     """
     found = []
     sigma, mean = fit.model.prior_sigma, fit.model.prior_mean
-    free = [i for i, std in enumerate(fit.std) if std > 0.0]
+    free = [i for i, std in enumerate(fit.std) if std > 0.0 and fit.parameters[i].kind != "effect"]
     kinds = {"machine": [i for i in free if not fit.parameters[i].of_setup],
              "set-up": [i for i in free if fit.parameters[i].of_setup]}  # fmt: skip
     for kind, places in kinds.items():
