@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import plant
 import pytest
+from laser_world import axis_alone
 from plant.campaign import machine_toml
 
 from symfive.arrays import Array
@@ -232,3 +233,16 @@ def test_an_axis_with_a_drive_has_its_gains_instead(tmp_path: Path) -> None:
     plant.write_campaign(tmp_path, machine, [plant.planar_circle(machine, "ccw")])
     with pytest.raises(InputError, match="servo_mismatch"):
         Model(read_campaign(tmp_path), [make_effect("following_lag", "X")])
+
+
+def test_a_curve_has_its_slope_in_the_first_and_last_row() -> None:
+    """An axis that turns in the first row moved there at the speed of the first chord: the friction of a drive was the wrong one
+    in one row, which a loop without a lag explained."""
+    time = np.arange(80) * 0.05
+    run = Run(
+        id="turn", instrument=("drive_force",), sampling="dynamic", time=time, commands={"X": -200.0 * np.cos(0.6 * time)},
+        noise_um=1.0, options={"axis": "X", "between": "curve", "start": "moving"},
+    )  # fmt: skip
+    motion = RunMotion(run, axis_alone(-210.0, 210.0), {}, {}).axis("X")
+    assert motion.velocity.value == pytest.approx(120.0 * np.sin(0.6 * time), abs=0.05)
+    assert motion.acceleration.value == pytest.approx(72.0 * np.cos(0.6 * time), abs=1.5)
