@@ -40,8 +40,8 @@ class Tension:
 
 
 def tensions(fit: Identification) -> tuple[Tension, ...]:
-    """The estimates' distance from the prior means, in units of what was expected of it, machine and set-up apart; an effect is as
-    large as it is.
+    """The estimates' distance from the prior means, in units of what was expected of it, machine and set-up apart; an effect
+    is as large as it is.
 
     Before the data, an estimate is spread about the prior mean with covariance P - C (prior less posterior).
     """

@@ -244,8 +244,7 @@ class RunMotion:
 
     def _rate(self, column: Array) -> Array:
         """The slope in each row; at both ends that of the last chord, or of the parabola where the motion is a curve."""
-        order = 2 if is_curved(self.run) and self.run.rows > 2 else 1
-        return np.asarray(np.gradient(column, self.run.time, edge_order=order))
+        return np.asarray(np.gradient(column, self.run.time, edge_order=2 if is_curved(self.run) else 1))
 
     def recorded(self, name: str) -> Array | None:
         """The positions of an axis (mm, rad) where the run takes its motion from the encoder and that has recorded them."""
