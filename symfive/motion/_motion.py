@@ -207,9 +207,7 @@ class RunMotion:
         if self._has_loop(axis):
             return self._driven(axis, command)
         ahead = self._earlier(command)
-        position = self._lagged(axis, ahead)
-        velocity = position.through(self._rate)
-        return AxisMotion(ahead, position, velocity, velocity.through(self._rate))
+        return AxisMotion(ahead, *self._derivatives(self._lagged(axis, ahead)))
 
     def _has_loop(self, axis: Axis) -> bool:
         """Whether an axis moves as the loop of a drive, stated in the machine file or, with a lag, made up by parameters."""
@@ -242,9 +240,20 @@ class RunMotion:
         position, late = follow(command.value)
         return Series(position, {n: follow(slope)[0] for n, slope in command.tangents.items()} | {name: late})
 
+    def _derivatives(self, position: Series) -> tuple[Series, Series, Series]:
+        """Position, velocity and acceleration: of the curve between the rows, or from row to row."""
+        if not is_curved(self.run):
+            velocity = position.through(self._rate)
+            return position, velocity, velocity.through(self._rate)
+        from scipy.interpolate import CubicSpline
+
+        def slope(order: int) -> Series:
+            return position.through(lambda c: np.asarray(CubicSpline(self.run.time, c)(self.run.time, order)))
+
+        return position, slope(1), slope(2)
+
     def _rate(self, column: Array) -> Array:
-        """The slope in each row; at both ends that of the last chord, or of the parabola where the motion is a curve."""
-        return np.asarray(np.gradient(column, self.run.time, edge_order=2 if is_curved(self.run) else 1))
+        return np.asarray(np.gradient(column, self.run.time))
 
     def recorded(self, name: str) -> Array | None:
         """The positions of an axis (mm, rad) where the run takes its motion from the encoder and that has recorded them."""
@@ -259,8 +268,7 @@ class RunMotion:
         span = float(self.run.options.get("smoothing_s", SMOOTHING_S))
         window = min(2 * round(span / self.run.interval / 2) + 1, (self.run.rows - 1) // 2 * 2 + 1)
         if window < 5:
-            velocity = measured.through(self._rate)
-            return AxisMotion(command, measured, velocity, velocity.through(self._rate))
+            return AxisMotion(command, *self._derivatives(measured))
         from scipy.signal import savgol_filter
 
         def smooth(order: int) -> Series:
