@@ -138,6 +138,15 @@ def test_the_sheet_says_what_to_mount_again() -> None:
     )
 
 
+def test_the_sheet_turns_rotary_axes_home_as_the_program_does() -> None:
+    axes = {**OYAMA.axes, "B": replace(OYAMA.axes["B"], travel=(5.0, 95.0))}
+    machine = replace(OYAMA, axes=axes, text="")
+    run = static_ball_bar(OYAMA)[0]
+    run = replace(run, commands={**run.commands, "B": np.maximum(run.commands["B"], 5.0)})
+    words = _sheet(campaign_of(machine, (run,)), Post())
+    assert "Z alone to the top, then B to 5° and C to 0°." in words
+
+
 def _sheet(campaign: Campaign, post: Post) -> str:
     return Page(setup_sheet(Sheet(campaign=campaign, post=post), {}, ())).words
 

@@ -242,7 +242,7 @@ def test_sphere_and_tip_are_the_users_on_the_command_line(tmp_path: Path) -> Non
     assert "Sphere of radius 15 mm, tip of radius 2 mm" in sheet
     assert "Centre of the tip at" in sheet and "With the centre of the tip there" in sheet and "ool ball" not in sheet
     assert (
-        "Probe its centre with all rotary axes at 0" in sheet and "under it" not in sheet
+        "Probe its centre with the rotary axes as below" in sheet and "under it" not in sheet
     )  # no tip gets into a sphere
 
 

@@ -161,7 +161,7 @@ def _place(run: Run, stands: str) -> list[str]:
     if sigma is None:
         return [f"{there}, within 1 mm: the readings determine its exact position."]
     found = (
-        f"{there}, within 1 mm. Probe its centre with all rotary axes at 0 and compare with what the control shows there (below)."
+        f"{there}, within 1 mm. Probe its centre with the rotary axes as below, and compare with what the control shows there."
         if "touch_probe" in run.instrument  # no tip gets into a sphere
         else f"{there}: drive the {held} there and lock the {stands} under it."
     )
@@ -233,8 +233,9 @@ def _signs(run: Run) -> str:
 def _moves(machine: Machine, post: Post) -> list[str]:
     """The first and the last moves of every program, in their order."""
     up = upright_axis(machine)
-    rotary = " and ".join(name for name in machine.axis_names if machine.axes[name].rotary)
-    turned, home = (f"{rotary}, then ", f", then {rotary} to 0") if rotary else ("", "")
+    rotary = [name for name in machine.axis_names if machine.axes[name].rotary]
+    turned = f"{' and '.join(rotary)}, then " if rotary else ""
+    home = ", then " + " and ".join(f"{name} to {machine.home(name):g}°" for name in rotary) if rotary else ""
     top = f"machine coordinate {post.machine_top:g} (ISO: its reference point)"
     return [
         f"First moves, not checked for collisions: {up} alone to the top of its travel, {top}, then {turned}the axes of the "
@@ -324,13 +325,15 @@ def _clearances(sheet: Sheet) -> str:
     workspace, post = sheet.campaign.machine.workspace, sheet.post
     if workspace.spindle_nose is None or not post.tested:
         return "Not checked; see above."
-    words = ", ".join(f"{key} {value:g} mm" for key, value in workspace.spindle_nose.items())
+    radius, above = (workspace.spindle_nose[key] for key in ("radius", "above_ball"))
+    held = next((held for _, held in map(mounted, sheet.campaign.runs) if held), "tool ball")
+    nose = f"radius {radius:g} mm, from {above:g} mm above the {held} up"
     thick = ", ".join(
         f"{name} ({'a line' if radius is None else f'radius {radius:g} mm'})" for name, radius in _thickness(sheet)
     )
     untested = " ".join(collision_warning(sheet.campaign.machine, post, sheet.campaign.runs)[1:])
     return (
-        f"Spindle nose (a cylinder: {words}), {thick} and {_table(sheet)} keep {workspace.clearance:g} mm apart, and linear "
+        f"Spindle nose (a cylinder: {nose}), {thick} and {_table(sheet)} keep {workspace.clearance:g} mm apart, and linear "
         f"axes {workspace.clearance:g} mm from the ends of their travel, at every pose and on every move of the programs from "
         f"above the first pose to above the last; less only where the measurement itself needs it. {untested} {DRY_RUN}"
     )
