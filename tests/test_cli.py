@@ -320,6 +320,9 @@ def test_progress_is_told_from_two_seconds_on(symfive, tmp_path, monkeypatch):
 
 def test_plan_names_what_it_cannot_take(symfive, tmp_path):
     write_machine(preset("oyama-2010"), tmp_path / "machine.toml")
+    spoil(tmp_path / "machine.toml", "[workspace]", "[workspace]\npost_diameter = 20.0")
+    answer = symfive("plan", tmp_path / "machine.toml", "-o", tmp_path / "p", "--points", "1")
+    assert 'note: key "workspace.post_diameter"' in answer.err and "points = 1 is too few" in answer.err
     refused(symfive("plan", tmp_path / "absent.toml", "-o", tmp_path / "p"), "absent.toml")
     refused(symfive("plan", tmp_path / "machine.toml", "-o", tmp_path / "p", "--for", "EX9Q", "-q"), "EX9Q")
     refused(symfive("plan", tmp_path / "machine.toml", "-o", tmp_path / "p", "--points", "1", "-q"), "points")
