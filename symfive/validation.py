@@ -62,6 +62,17 @@ def one_of(owner: str, name: str, value: object, allowed: tuple[str, ...]) -> No
         raise InputError(problem, remedy=f"use one of {', '.join(allowed)}", keys=(name,))
 
 
+def only(owner: str, table: Mapping[str, object], keys: tuple[str, ...]) -> None:
+    """Raise `InputError` unless a table has these keys and no others."""
+    named = " and ".join(keys)
+    for key in [*(key for key in table if key not in keys), *(key for key in keys if key not in table)]:
+        raise InputError(
+            f"{owner} {'has an unknown' if key in table else 'lacks the'} key {shown(key)}",
+            remedy=f"give {named}",
+            keys=(key,) if key in table else (),
+        )
+
+
 def as_tuples(value: Any) -> Any:
     """Lists as tuples, at any depth."""
     if isinstance(value, Mapping):

@@ -266,7 +266,21 @@ SLIPS = [
     (AXES + "[errors]\nEX0B = { sigma = 5.0 }\n", r"axis 'B', which the machine lacks; did you mean EX0C\?"),
     (AXES + "[errors]\nEQ0C = { sigma = 5.0 }\n", r"'EQ0C' is not an error of ISO 230-1; did you mean E.0C\?"),
     (AXES + "[axes.B]\n", r"no axis 'B'; .*give it its place: \"w B' C' A' Y' b X Z t\" if it carries the workpiece"),
-    (AXES.replace("[axes.Z]\ntravel = [-30.0, 110.0]\n", ""), r"axis Z .* has no table; add \[axes.Z\]"),
+    (AXES.replace("[axes.Z]\ntravel = [-30.0, 110.0]\n", ""), r"line 3: axis Z .* has no table; add \[axes.Z\]"),
+    (AXES + "[errors]\nEY0A = 50.0\n", r"line 15: errors.EY0A is not a table; write EY0A = \{ sigma = 50.0 \}"),
+    (
+        AXES + "[workspace]\nspindle_nose = { diameter = 80.0, above_ball = 60.0 }\n",
+        r"line 15: .* spindle_nose has an unknown key 'diameter'; give radius and above_ball",
+    ),
+    (
+        AXES + "[workspace]\nspindle_nose = { radius = 40.0 }\n",
+        r"line 15: .* spindle_nose lacks the key 'above_ball'; give radius and above_ball",
+    ),
+    (
+        AXES + "[workspace]\ntool_length = [120.0, 180.0]\nspindle_nose = { radius = 40.0, above_ball = 260.0 }\n",
+        r"line 16: .* above_ball = 260 is more than the tool length of 120 mm; give the height of the spindle nose",
+    ),
+    (AXES + "[workspace]\ntool_length = [-180.0, -120.0]\n", r"line 15: .* tool_length = -180.0 is not positive"),
 ]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import textwrap
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields
@@ -15,7 +16,7 @@ from symfive.machine._structure import Structure
 from symfive.machine._suggest import nearest_error
 from symfive.numbers import plain_number, unit_words
 from symfive.screen import OnScreen
-from symfive.validation import at_most, freeze, numbers, positive
+from symfive.validation import at_most, freeze, numbers, only, positive
 
 ARTEFACT_MM = 1e3
 
@@ -69,12 +70,20 @@ class Workspace:
             if pair[0] > pair[1]:
                 problem = f"workspace: {name} = {list(pair)} is not [lowest, highest]"
                 raise InputError(problem, remedy="put the lower one first", keys=(name,))
+        if self.tool_length is not None:
+            positive("workspace", tool_length=self.tool_length[0])
         if self.spindle_nose is not None:
             if not isinstance(self.spindle_nose, Mapping):
                 problem = f"workspace: spindle_nose = {shown(self.spindle_nose)} is not a table"
                 raise InputError(problem, remedy="write { radius = 40.0, above_ball = 60.0 }", keys=("spindle_nose",))
             with inside("spindle_nose"):
+                only("workspace: spindle_nose", self.spindle_nose, ("radius", "above_ball"))
                 positive("workspace: spindle_nose", **self.spindle_nose)
+                above, shortest = self.spindle_nose["above_ball"], (self.tool_length or (math.inf,))[0]
+                if above > shortest:
+                    problem = f"workspace: spindle_nose: above_ball = {above:g} is more than the tool length of {shortest:g} mm"
+                    remedy = "give the height of the spindle nose over the tool ball, or correct tool_length"
+                    raise InputError(problem, remedy=remedy, keys=("above_ball",))
             object.__setattr__(self, "spindle_nose", freeze(self.spindle_nose))
 
     def stroke(self, *, bar: bool) -> float:

@@ -139,7 +139,7 @@ def _axes(file: TomlFile, structure: Structure, tables: Mapping[str, Any], probl
         with problem():
             if key not in tables:
                 words = f'axis {key} of the structure "{structure.code}" has no table'
-                raise file.error(words, "axes", remedy=f"add [axes.{key}] with its travel = [lowest, highest]")
+                raise file.error(words, "structure", remedy=f"add [axes.{key}] with its travel = [lowest, highest]")
         if key not in found:
             kind, direction = default_kind(key) or "linear", DEFAULT_DIRECTION.get(key, (1.0, 0.0, 0.0))
             found[key] = Axis(name=key, kind=kind, direction=direction, travel=UNREAD)
@@ -159,9 +159,10 @@ def _placed(file: TomlFile, keys: tuple[str | int, ...], make: Callable[[], T]) 
         raise file.error(problem, *keys, remedy="compare it with the conventions, section 4") from None
 
 
-def _table(file: TomlFile, value: Any, *keys: str) -> dict[str, Any]:
+def _table(file: TomlFile, value: Any, *keys: str, example: str = "") -> dict[str, Any]:
     if not isinstance(value, Mapping) or not all(isinstance(key, str) for key in value):
-        raise file.error(f"{'.'.join(keys)} is not a table", *keys, remedy=f"write [{'.'.join(keys)}]")
+        path = ".".join(keys)
+        raise file.error(f"{path} is not a table", *keys, remedy=f"write {example or f'[{path}]'}")
     return dict(value)
 
 
@@ -197,7 +198,7 @@ def _error_term(file: TomlFile, name: str, entry: Any, axes: Mapping[str, Axis])
         raise file.error(
             f"{shown(name)} is not an error of ISO 230-1", "errors", name, remedy=nearest_error(name, axes)
         )
-    table = _table(file, entry, "errors", name)
+    table = _table(file, entry, "errors", name, example=f"{name} = {{ sigma = 50.0 }}")
     refuse_slips(file, ("errors", name), table, _names(ErrorTerm))
     if "sigma" not in table:
         raise file.error(f"error {name} has no sigma", "errors", name, remedy="add its prior 1σ in µm or µrad")
