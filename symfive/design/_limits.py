@@ -14,6 +14,7 @@ from symfive.machine import Machine
 from symfive.moves import (
     BALL_RADIUS,
     RETRACTS_MM,
+    SMOOTH,
     angle_clearance,
     least_upright,
     nose_may_reach_post,
@@ -21,7 +22,7 @@ from symfive.moves import (
     out_of_nest_clearance,
     post_clearance,
 )
-from symfive.nc import at_the_top, top_of, touch_reach, upright_axis
+from symfive.nc import at_the_top, touch_reach
 
 LEAST_VOLUME = 0.1
 """Where a rotary axis turns linear axes against each other: they keep at least so far from lying in one plane (a sine, 6°);
@@ -44,17 +45,24 @@ def _around_sphere(machine: Machine, geometry: PoseGeometry) -> dict[str, Any]:
 
 
 def _left_to_draw_back(machine: Machine, geometry: PoseGeometry) -> Any:
-    """mm of travel that the upright axis has left at a pose, the tool drawn back up from the table or, where that does not lead
-    down, along itself, whichever leaves more: without it there is no way out of a nest."""
-    upright = upright_axis(machine)
-    sign = math.copysign(1.0, machine.axes[upright].direction[2])
+    """mm of travel that the linear axes have left with the tool drawn back from a pose in the direction of `symfive.nc.lifts`
+    that leaves most and does not lead down: without it there is no way out of a nest."""
+    place = ca.SX.sym("place", 3)
+    moved = follow(machine, geometry.turned, geometry.tool_ball, place)
+    by_place = {name: ca.jacobian(moved[name], place) for name in machine.linear_axes}
+    workpiece, _ = chain_poses(machine, geometry.position, {}, {})
+    along, up = geometry.tool_axis, ca.DM([0.0, 0.0, 1.0])
+    between = (along + up) / ca.sqrt(ca.sumsqr(along + up) + SMOOTH)
 
     def left(way: Any) -> Any:
-        drawn = follow(machine, geometry.turned, geometry.tool_ball, geometry.place + RETRACTS_MM[0] * way)
-        return sign * (top_of(machine) - drawn[upright])
+        drawn = RETRACTS_MM[0] * way
+        least = drawn[2]
+        for name in machine.linear_axes:
+            (low, high), at = machine.reach(name), geometry.position[name] + by_place[name] @ drawn
+            least = ca.fmin(least, ca.fmin(at - low, high - at))
+        return least
 
-    along = geometry.tool_axis
-    return ca.fmax(left(ca.DM([0.0, 0.0, 1.0])), ca.fmin(left(along), RETRACTS_MM[0] * along[2]))
+    return ca.fmax(ca.fmax(left(up), left(along)), ca.fmax(left(workpiece.rotation.T @ up), left(between)))
 
 
 def limits_of(machine: Machine, instrument: str, geometry: PoseGeometry, most: Array) -> tuple[Any, tuple[str, ...]]:

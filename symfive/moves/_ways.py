@@ -150,7 +150,7 @@ class Ways:
                 if isinstance(away, _Out):
                     return away
                 met = met or away
-        return met or f"travel of {upright_axis(self.machine)}"
+        return met or "travel to draw the tool back"
 
     def _below(self, lifted: Positions) -> str:
         """What keeps the ball from leaving downwards: a nest opens upwards; a bar has none."""
@@ -190,7 +190,7 @@ class Ways:
         found = self._way_out(row)
         if isinstance(found, str):
             problem = f"run {self.run.id}: {found} on every exit path from the pose of line {row + FIRST_LINE}"
-            raise InputError(problem, remedy=REMEDY)
+            raise InputError(problem, remedy=ELSEWHERE if self.run.dynamic else REMEDY)
         return found
 
     def _in_some_order(self, before: Positions, after: Positions, names: Sequence[str]) -> Way | str:
