@@ -118,11 +118,11 @@ def plan_together(
 ) -> JointPlan:  # fmt: skip
     """The plan that makes the uncertainty of what is sought smallest in so many `minutes`, set-up of every mounting included.
 
-    `setups` mountings at most, of all instruments together (default: 2 for each and 3 for a ball bar, shared as suits best); poses
-    that would lower the variance by less than 1 % are not read. `instruments` that may be used; those that the machine cannot use, and those that gain nothing,
-    are left out. `certify`: the plan is compared with all mixes of them in the same minutes with as many mountings, circles of
-    a ball bar included (up to a minute). `criterion`, `for_`, `given`, `noise_um`, `setup_sigma`, `returns`, `starts`, `seed` and
-    `pool` as of `plan`.
+    `setups` mountings at most, of all instruments together (default: 2 for each and 3 for a ball bar, shared as suits best);
+    poses that would lower the variance by less than 1 % are not read. `instruments` that may be used; those that the machine
+    cannot use, and those that gain nothing, are left out. `certify`: the plan is compared with all mixes of them in the same
+    minutes with as many mountings, circles of a ball bar included (up to a minute). `criterion`, `for_`, `given`, `noise_um`,
+    `setup_sigma`, `returns`, `starts`, `seed` and `pool` as of `plan`.
 
     Raises `InputError` where no instrument can be used or the minutes are too short for one mounting.
     """
