@@ -68,7 +68,10 @@ def visits(path: Path) -> Iterator[Finding]:
 
 
 def _resolution(path: Path) -> float:
-    return 0.51 * 10.0**-path.control.decimals + 1e-9
+    """How far rounding moves an axis: by half the last digit of its word, and under tool-centre control, where an axis follows
+    from three words of the ball's place, by √3 of that."""
+    words = 3 if any(event.centred for event in path.events) else 1
+    return float(np.sqrt(words)) * 0.51 * 10.0**-path.control.decimals + 1e-9
 
 
 def _static(path: Path) -> Iterator[Finding]:
