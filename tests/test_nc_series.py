@@ -38,7 +38,9 @@ def test_one_program_drives_both_directions_and_feeds_with_the_bar_on(folder: Pa
             text = path.read_text()
             assert text.count("MOUNT BAR") == text.count("REMOVE BAR") == 1
             assert [text.count(f"THEN {said}") for said in ("CW F500", "CCW F2000", "CW F2000")] == [1, 1, 1]
-    assert "the 4 circles of this mounting; the bar stays mounted." in (folder / "setup.html").read_text()
+    sheet = (folder / "setup.html").read_text()
+    assert "the 4 circles of this mounting; the bar stays mounted." in sheet
+    assert sheet.count("leave table ball and tool ball in place.") == 7  # each program of its own has the bar removed
 
 
 def test_every_control_takes_the_names_of_its_files(folder: Path) -> None:

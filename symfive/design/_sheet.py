@@ -115,7 +115,8 @@ def _steps(sheet: Sheet, nominal: Nominal, run: Run, stands: str) -> list[str]:
     if again is not None:
         tool = "calibrate the probe again" if "touch_probe" in run.instrument else f"remount the {held}"
         anew = f"remount the {stands}, {tool} (new set-up errors)"
-        steps.append(f"The same mounting as for run {again.id}: {'leave everything in place' if stays else anew}.")
+        still = f"leave {stands} and {held} in place" if stands else "leave everything in place"
+        steps.append(f"The same mounting as for run {again.id}: {still if stays else anew}.")
     if stands and not stays:
         steps += _place(run, stands)
         steps.append(f"{held[0].upper()}{held[1:]} at {-run.tool_ball[2]:.0f} mm below the spindle nose.")
