@@ -55,7 +55,7 @@ def test_time_budget_and_a_lost_pose() -> None:
     [
         ({"bar_lengths": ()}, {"instrument": "ball_bar"}, "the workspace lists no bar; add bar_lengths"),
         ({"sensor_range": 1e-3}, {}, "leave the sensor_range at every pose; raise sensor_range"),
-        ({"tool_length": (900.0, 950.0)}, {}, "travel of Z is in the way everywhere; move the nest or balls"),
+        ({"tool_length": (900.0, 950.0)}, {}, "travel of Z is in the way everywhere; move the nest or balls nearer"),
         (
             {"ball_height": (-300.0, -200.0)},
             {},

@@ -87,7 +87,8 @@ def _no_pose(space: Space, z: Array, k: Array) -> InputError:
     worst = space.limit_names[int(np.argmax(violated))]
     higher = "raise ball_height in [workspace] (the table is z = 0 of the workpiece frame)"
     remedies = {
-        "travel": "move the nest or balls nearer to the centre (table_radius, ball_height), use a shorter bar or tool",
+        "travel": "move the nest or balls nearer to the centre (table_radius, ball_height), use a shorter bar or tool, or "
+        "correct the travel: with all axes at 0 the spindle nose stands at the origin of the workpiece frame, on the table",
         "spindle nose and table": f"{higher} or use a slimmer spindle_nose",
         "spindle nose and bar": "add a longer bar to bar_lengths",
         "spindle nose and post": "raise ball_height in [workspace] or use a slimmer spindle_nose",
