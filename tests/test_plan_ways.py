@@ -133,6 +133,15 @@ def test_no_pose_is_offered_without_travel_to_draw_the_tool_back(name: str, high
     assert set(Reach(space).in_the_way(drawn[left_out], k)) <= {drawn_back, "nest, from below,"}
 
 
+@pytest.mark.parametrize("instrument", ["r_test", "ball_bar"])
+def test_a_machine_whose_top_is_under_its_table_is_refused_at_once(instrument: str) -> None:
+    """Z in machine coordinates, 0 at the top of its travel: all ways out lead through the table. The poses with the table
+    tilted were tested one by one, for minutes."""
+    under = _with_travel(location_only("table-bc"), "Z", -520.0, -20.0)
+    with pytest.raises(InputError, match=r"no pose can be reached: .*with all axes at 0 the spindle nose stands"):
+        plan(under, instrument=instrument, points=6, setups=1, starts=1)
+
+
 def test_a_plan_on_a_machine_with_a_short_z_is_as_good_as_its_certificate() -> None:
     """Nothing that is chosen has to be exchanged for a pose with a way out, at whatever cost."""
     short = _with_travel(location_only("head-bc"), "Z", -200.0, 220.0)

@@ -86,16 +86,17 @@ def _no_pose(space: Space, z: Array, k: Array) -> InputError:
         )
     worst = space.limit_names[int(np.argmax(violated))]
     higher = "raise ball_height in [workspace] (the table is z = 0 of the workpiece frame)"
+    zero = "with all axes at 0 the spindle nose stands at the origin of the workpiece frame, on the table"
     remedies = {
         "travel": "move the nest or balls nearer to the centre (table_radius, ball_height), use a shorter bar or tool, or "
-        "correct the travel: with all axes at 0 the spindle nose stands at the origin of the workpiece frame, on the table",
+        f"correct the travel: {zero}",
         "spindle nose and table": f"{higher} or use a slimmer spindle_nose",
         "spindle nose and bar": "add a longer bar to bar_lengths",
         "spindle nose and post": "raise ball_height in [workspace] or use a slimmer spindle_nose",
         "tool and post": "raise ball_height in [workspace] or add a longer bar to bar_lengths",
         "tool and nest": "use a nest that opens wider (nest_opening in [workspace])",
         "tool ball and table": higher,
-        "tool over": "use a shorter tool, lower balls, or more travel of the upright axis",
+        "tool over": f"use a shorter tool, lower balls, or more travel of the upright axis, or correct its travel: {zero}",
         "touch and post": "use a larger sphere or a slimmer post (sphere_radius, post_radius in [workspace])",
     }
     remedy = next(text for key, text in remedies.items() if worst.startswith(key))

@@ -13,6 +13,7 @@ from symfive.kinematics import ball_in_workpiece, chain_poses
 from symfive.machine import Machine
 from symfive.moves import (
     BALL_RADIUS,
+    RAPID_MM,
     RETRACTS_MM,
     SMOOTH,
     angle_clearance,
@@ -107,7 +108,7 @@ def limits_of(machine: Machine, instrument: str, geometry: PoseGeometry, most: A
     gap, least = _out_of_nest(machine, geometry, instrument == "touch_probe", most)
     if least < 0.0:
         limits.append(gap / UNIT_MM)
-        names.append("tool over the workpiece's origin and table ball")
+        names.append("tool over the workpiece's origin")
     return ca.vertcat(*limits), tuple(names)
 
 
@@ -121,12 +122,17 @@ def _out_of_nest(machine: Machine, geometry: PoseGeometry, probe: bool, most: Ar
     axis = workpiece.rotation.T @ spindle.rotation[:, 2]
     workspace = machine.workspace
 
-    def gap(table_ball: Any, tool_ball: Any) -> Any:
-        place = ball_in_workpiece(machine, position, tool_ball)
-        return out_of_nest_clearance(workspace, table_ball, place, axis, probe)
-
     (height, tool), least = most, -math.inf
     place = ca.evalf(ball_in_workpiece(machine, position, ca.DM([0.0, 0.0, -tool])))
-    if float(ca.evalf(axis)[2]) > 1.0 - SAME_VOLUME and float(place[2]) > height:
+    upright = float(ca.evalf(axis)[2]) > 1.0 - SAME_VOLUME
+    off = math.dist(place.full().ravel()[:2], machine.table_centre)
+    above_table = upright and off <= (workspace.table_radius or math.inf)
+
+    def gap(table_ball: Any, tool_ball: Any) -> Any:
+        place = ball_in_workpiece(machine, position, tool_ball)
+        free = out_of_nest_clearance(workspace, table_ball, place, axis, probe)
+        return ca.fmin(free, place[2] - BALL_RADIUS - RAPID_MM) if above_table else free
+
+    if upright and float(place[2]) > height:
         least = float(ca.evalf(gap(ca.vertcat(place[0], place[1], height), ca.DM([0.0, 0.0, -tool]))))
     return gap(geometry.table_ball, geometry.tool_ball), least

@@ -7,6 +7,7 @@ blocked_moves(machine, run, program_steps(machine, run, post))           # [] : 
 from symfive.moves._bodies import (
     BALL_RADIUS,
     NOSE_LENGTH,
+    RAPID_MM,
     SMOOTH,
     angle_clearance,
     least_elevation,
@@ -23,7 +24,7 @@ from symfive.moves._order import kept_apart, move_times, out_and_back, round_tri
 from symfive.moves._ways import REMEDY, RETRACTS_MM, Tested, Ways, cleared
 
 __all__ = [
-    "BALL_RADIUS", "NOSE_LENGTH", "REMEDY", "RETRACTS_MM", "SMOOTH", "Clearances", "Moves", "Rod", "Tested", "Ways",
+    "BALL_RADIUS", "NOSE_LENGTH", "RAPID_MM", "REMEDY", "RETRACTS_MM", "SMOOTH", "Clearances", "Moves", "Rod", "Tested", "Ways",
     "angle_clearance", "apart", "blocked_moves", "cleared", "kept_apart", "least_elevation", "least_upright", "move_times",
     "nose_may_reach_post", "nose_over_table", "out_and_back", "out_of_nest_clearance", "post_clearance", "round_trip",
     "there_and_back",
