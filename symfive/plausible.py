@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from symfive.arrays import Array
-from symfive.instruments import INSTRUMENTS
+from symfive.instruments import BallInstrument, ball_instrument
 from symfive.machine import Machine, designed_ball
 from symfive.numbers import plain_number
 from symfive.runs import Campaign, Run
@@ -19,7 +19,6 @@ units are 57, 60 and 1000)."""
 ROUNDING = 1e-6
 MOST_ROWS = 100_000
 """Of a longer run only the first rows are looked at."""
-WHAT = {"ball_bar": "the bar", "r_test": "the ball", "touch_probe": "the sphere"}
 
 
 def doubts(campaign: Campaign) -> tuple[str, ...]:
@@ -37,9 +36,9 @@ def unreadable(campaign: Campaign) -> tuple[str, str] | None:
     off, from one end of its range beyond the other wherever its zero lies; on a grid plate another path."""
     machine = campaign.machine
     for run in _begun(campaign):
-        instrument = _with_stroke(run)
+        instrument = ball_instrument(run)
         if run.measured and instrument is not None:
-            away, stroke = _away(machine, run, instrument), _stroke(machine, instrument)
+            away, stroke = _away(machine, run, instrument), instrument.stroke(machine)
             if 1e-3 * float(np.max(np.abs(away))) > 2.0 * stroke:
                 remedy = "no machine does that; or give the true stroke under [workspace] in the machine file"
                 return _beyond(run, instrument, away, stroke), remedy
@@ -53,27 +52,17 @@ def _begun(campaign: Campaign) -> Iterator[Run]:
     return (run if run.rows <= MOST_ROWS else run.part(0, MOST_ROWS) for run in campaign.runs)
 
 
-def _with_stroke(run: Run) -> str | None:
-    return next((name for name in run.instrument if name in WHAT), None)
-
-
-def _stroke(machine: Machine, instrument: str) -> float:
-    return machine.workspace.stroke(bar=instrument == "ball_bar")
-
-
-def _away(machine: Machine, run: Run, instrument: str) -> Array:
+def _away(machine: Machine, run: Run, instrument: BallInstrument) -> Array:
     """What the machine as the file has it would let the instrument read (N, columns), µm."""
     away = designed_ball(machine, run.commands, run.tool_ball) - np.array(run.table_ball)
-    if instrument == "ball_bar":
-        away = np.linalg.norm(away, axis=1, keepdims=True) - (run.length or 0.0)
-    return np.asarray(1e3 * away)
+    return np.asarray(1e3 * instrument.designed(run, away))
 
 
-def _beyond(run: Run, instrument: str, away: Array, stroke: float) -> str:
+def _beyond(run: Run, instrument: BallInstrument, away: Array, stroke: float) -> str:
     row, _ = np.unravel_index(int(np.argmax(np.abs(away))), away.shape)
     most = plain_number(1e-3 * float(np.max(np.abs(away))))
     return (
-        f"run {run.id}: with its balls and commands {WHAT[instrument]} would be {most} mm off at row {row + 1} "
+        f"run {run.id}: with its balls and commands the {instrument.seated} would be {most} mm off at row {row + 1} "
         f"(stroke ±{plain_number(stroke)} mm); check table_ball, tool_ball, length, the feed and the units of the commands"
     )
 
@@ -108,8 +97,7 @@ def _of_run(machine: Machine, run: Run) -> Iterator[str]:
             yield f"run {run.id}: {name} is commanded at up to {sizes}; check t_s and the units of {name}"
     if said := _another_path(machine, run):
         yield "; ".join(said)
-    instrument = _with_stroke(run)
-    if instrument is not None:
+    if (instrument := ball_instrument(run)) is not None:
         yield from _beside_the_table(machine, run)
         yield from _of_stroke(machine, run, instrument)
 
@@ -130,20 +118,20 @@ def _beside_the_table(machine: Machine, run: Run) -> Iterator[str]:
         )
 
 
-def _of_stroke(machine: Machine, run: Run, instrument: str) -> Iterator[str]:
-    stroke, predicted = _stroke(machine, instrument), _away(machine, run, instrument)
+def _of_stroke(machine: Machine, run: Run, instrument: BallInstrument) -> Iterator[str]:
+    stroke, predicted = instrument.stroke(machine), _away(machine, run, instrument)
     if 1e-3 * float(np.max(np.abs(predicted))) > stroke:
         yield _beyond(run, instrument, predicted, stroke)
         return
     if not run.measured:
         return
-    columns = [column.name for column in INSTRUMENTS[instrument].columns(run, machine)]
+    columns = [column.name for column in instrument.columns(run, machine)]
     readings = np.stack([run.readings[name] for name in columns], axis=1)
     largest = 1e-3 * float(np.max(np.abs(readings)))
     if largest > 2.0 * stroke:
         sizes = f"{plain_number(largest)} mm are beyond the stroke of ±{plain_number(stroke)} mm"
         yield f"run {run.id}: readings of up to {sizes}; they are in µm"
-    scatter, noise = float(np.std(readings - predicted)), run.noise(instrument)
+    scatter, noise = float(np.std(readings - predicted)), run.noise(instrument.name)
     if len(readings) > 2 and scatter < TINY * noise:
         sizes = f"by {plain_number(scatter)} µm only, and noise_um is {plain_number(noise)}"
         yield f"run {run.id}: the readings vary {sizes}; they are read as µm: were they written in mm?"

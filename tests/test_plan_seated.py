@@ -13,6 +13,7 @@ from lean import location_only
 from symfive.campaign import Run
 from symfive.design import Plan, make_space, plan
 from symfive.design._seated import Seated  # moves that are refused at will
+from symfive.instruments import INSTRUMENTS
 from symfive.machine import machine_from_data, preset, presets
 from symfive.motion import approach
 from symfive.moves import blocked_moves
@@ -56,7 +57,7 @@ def test_a_blocked_move_goes_around_without_a_removal(made: Plan) -> None:
 
 @pytest.mark.slow
 def test_a_program_passes_its_further_positions_seated(made: Plan) -> None:
-    nominal, stroke = Nominal(made.machine), 0.05 * made.machine.workspace.stroke(bar=made.instrument == "ball_bar")
+    nominal, stroke = Nominal(made.machine), 0.05 * INSTRUMENTS[made.instrument].stroke(made.machine)
     for run, row, places in _bent(made):
         steps = program_steps(made.machine, run, made.post)
         there = [step.commands for step in steps if step.towards == row and step.seated and step.commands]
@@ -161,4 +162,4 @@ def test_the_last_block_ends_at_the_pose_that_is_written() -> None:
     assert path is not None and dict(zip(machine.axis_names, path[-1].tolist(), strict=True)) == after
     dense = np.concatenate([path[:-1] + share * np.diff(path, axis=0) for share in np.linspace(0.0, 1.0, 9)])
     ball = nominal.ball(dict(zip(machine.axis_names, dense.T, strict=True)), tool)
-    assert np.linalg.norm(ball - place, axis=1).max() < 0.1 * machine.workspace.stroke(bar=False)
+    assert np.linalg.norm(ball - place, axis=1).max() < 0.1 * machine.workspace.sensor_range

@@ -58,6 +58,18 @@ def test_balls_that_do_not_fit_the_commands(bar, nests):
     assert "the ball would be" in said and "(stroke ±1 mm)" in said
 
 
+def test_a_head_with_four_sensors(nests):
+    """Each reads along its own direction: 2 mm along x are 1.15 mm along (1, 1, 1)."""
+    options = {"directions": [[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 1.0, 1.0], [0.0, 1.0, 1.0]]}
+    turned = replace(nests.runs[0], options=options, readings={})
+    alone = simulate(replace(nests, runs=(turned,))).campaign
+    assert doubts(alone) == ()
+    rest = {name: np.zeros_like(q) for name, q in turned.commands.items()}
+    moved = replace(turned, commands=rest, tool_ball=(2.0, 0.0, -150.0), table_ball=(0.0, 0.0, -150.0))
+    (said,) = doubts(replace(nests, runs=(moved,)))
+    assert "the ball would be 1.15 mm off" in said
+
+
 def test_what_no_instrument_can_have_read_is_not_diagnosed(bar):
     """One command that is 40 mm off; two strokes, since a zero may lie at one end of the range."""
     run, axis = bar.runs[0], bar.machine.axis_names[-1]

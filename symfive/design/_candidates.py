@@ -10,6 +10,7 @@ import numpy as np
 from symfive.arrays import Array, Indices
 from symfive.design._space import Space
 from symfive.errors import InputError
+from symfive.instruments import INSTRUMENTS
 from symfive.optimal import Candidates, Rows, Task, inverse, marginal_sensitivity
 
 LEVELS = {"rotary": 13, "turn": 24, "bar azimuth": 12, "bar elevation": 7}
@@ -78,7 +79,7 @@ def _no_pose(space: Space, z: Array, k: Array) -> InputError:
     """Which limit keeps most poses out, in words."""
     limits = space.kernel.limits(z, k)
     violated = (limits < -1e-9).mean(axis=0)
-    where = "bar_stroke" if space.instrument == "ball_bar" else "sensor_range"
+    where = INSTRUMENTS[space.instrument].limit
     if not space.in_range(z, k).any():
         return InputError(
             f"the errors expected by the priors leave the {where} at every pose",

@@ -28,6 +28,7 @@ from symfive.compiled import Mapped
 from symfive.design._limits import KINKED, limits_of
 from symfive.design._pose import UNIT_MM, PoseGeometry, pose_geometry
 from symfive.errors import InputError
+from symfive.instruments import INSTRUMENTS
 from symfive.machine import Machine
 from symfive.model import Model, assemble
 from symfive.motion import Position
@@ -99,7 +100,7 @@ class Space:
 
     def in_range(self, z: Array, k: Array, rows: Array | None = None) -> Flags:
         """Whether 3σ of the priors keep the reading inside the sensor's range or the bar's stroke."""
-        limit = self.machine.workspace.stroke(bar=self.instrument == "ball_bar")
+        limit = INSTRUMENTS[self.instrument].stroke(self.machine)
         seen = (self.kernel.rows(z, k) if rows is None else rows)[:, : len(self.shared), :]
         expected = self.noise_um * 1e-3 * np.sqrt(np.einsum("npy,npy->ny", seen, seen)).max(axis=1)
         return np.asarray(SIGMAS_IN_RANGE * expected <= limit)

@@ -27,6 +27,7 @@ from symfive.design._space import SIGMAS_IN_RANGE, Space
 from symfive.effects import Effect, make_effect
 from symfive.errors import InputError
 from symfive.inference import Noise, whiten
+from symfive.instruments import INSTRUMENTS
 from symfive.machine import Machine
 from symfive.model import Model
 from symfive.optimal import marginal
@@ -111,6 +112,7 @@ class Sweeps:
         self.machine, self.effects = space.machine, nuisances(space.machine)
         self.names = space.names[: space.poses]
         self.bar = space.instrument == "ball_bar"
+        self.stroke = INSTRUMENTS[space.instrument].stroke(space.machine)
         self.low, self.high = (np.degrees(bounds[: space.poses]) for bounds in (space.lower, space.upper))
         self.low[-1] += OFF_THE_CUP_DEG if self.bar else 0.0
         z = np.concatenate([np.zeros(space.poses), setup])
@@ -160,8 +162,8 @@ class Sweeps:
         Raises `InputError` where the readings expected leave the sensor's range."""
         slopes, reached = self._linearised(run)
         most = float(reached.max())
-        if most > self.machine.workspace.stroke(bar=self.bar):
-            limit = "bar_stroke" if self.bar else "sensor_range"
+        if most > self.stroke:
+            limit = INSTRUMENTS[self.space.instrument].limit
             problem = f"the readings may reach {most:.2g} mm, beyond the {limit}"
             raise InputError(problem, remedy=f"lower the speed, or raise {limit} in [workspace]")
         return self._whitened([slopes])[0]
@@ -226,7 +228,7 @@ class Sweeps:
         lasts = np.cumsum([len(path) for path in (paths[0], *rested)])
         parts = [slice(last - len(path), last) for last, path in zip(lasts, paths, strict=True)]
         slopes, reached = self._linearised(run)
-        possible = followed(self.machine, run) & (reached <= self.machine.workspace.stroke(bar=self.bar))
+        possible = followed(self.machine, run) & (reached <= self.stroke)
         found: list[Sweep | None] = [None] * len(parts)
         left = [i for i, part in enumerate(parts) if possible[part].all()]
         for i, white in zip(left, self._whitened([slopes[parts[i]] for i in left]) if left else [], strict=True):

@@ -15,6 +15,7 @@ from symfive.design._assessment_data import assessment_data, six_digits
 from symfive.design._schedule import on_ways
 from symfive.design._sheet import Sheet, setup_sheet
 from symfive.errors import InputError
+from symfive.instruments import has_post
 from symfive.moves import cleared
 from symfive.nc import DIALECTS, Post, addressed, write_programs
 from symfive.outputs import output_folder, write_json, write_text
@@ -171,7 +172,7 @@ def write_sheet(sheet: Sheet, folder: Path, nc: tuple[str, ...] = ()) -> None:
     from symfive.design._figures import pose_figure, svg
 
     machine = sheet.campaign.machine
-    with_ball = [run for run in sheet.campaign.runs if {"r_test", "touch_probe", "ball_bar"} & set(run.instrument)]
+    with_ball = [run for run in sheet.campaign.runs if has_post(run)]
     pictures = {run.id: svg(pose_figure(machine, _thinned(run))) for run in with_ball}
     for run, picture in pictures.items():
         write_text(folder / "figures" / f"poses-{run}.svg", picture)

@@ -13,7 +13,7 @@ import numpy as np
 from symfive.arrays import Array
 from symfive.campaign import Campaign, Run
 from symfive.drawing._page import SERIES
-from symfive.instruments import instruments_of
+from symfive.instruments import has_post, instruments_of
 from symfive.procedures import Nominal
 
 SCRIPT = (files("symfive.drawing") / "poses.js").read_text(encoding="utf-8")
@@ -54,9 +54,7 @@ class _Poses:
     @property
     def nest(self) -> Array:
         """The ball or nest on the table, (1, 3); (0, 3) where the instrument has none."""
-        return np.array(
-            [self.run.table_ball] if any(i.on_a_post for i in instruments_of(self.run)) else np.empty((0, 3))
-        )
+        return np.array([self.run.table_ball] if has_post(self.run) else np.empty((0, 3)))
 
 
 def projected(points: Array, centre: Array, scale: float, turn: float = TURN, tilt: float = TILT) -> Array:

@@ -21,7 +21,7 @@ from symfive.campaign import FIRST_LINE, Run
 from symfive.errors import InputError, inside
 from symfive.files import read_text, shown
 from symfive.importers.split import piece_of
-from symfive.instruments import columns_of
+from symfive.instruments import columns_of, instruments_of
 from symfive.machine import Machine
 from symfive.motion import approach
 from symfive.separated import Marks, are_numbers, cells_of, signs_of
@@ -202,7 +202,7 @@ def cut_at_rests(
         raise InputError(f"run {run.id} is a recording itself", remedy="name a run whose poses are read at rest")
     if missing := [name for name in names if name not in readings]:
         raise InputError(f"the recording lacks {', '.join(missing)}", remedy=f"name the columns {', '.join(names)}")
-    reach = 1e3 * machine.workspace.stroke(bar=run.length is not None)
+    reach = 1e3 * instruments_of(run)[0].stroke(machine)
     table = np.stack([readings[name] for name in names], axis=1)
     rests = rests_of(np.asarray(time, dtype=float), table, dwell_s=dwell_s, reach_um=reach)
     pairs, *others = _assigned(run, rests, dwell_s)

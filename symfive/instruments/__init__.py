@@ -8,7 +8,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from symfive.errors import InputError
-from symfive.instruments._base import ZERO_SIGMA_UM, Instrument, setup_parameter, setup_vector, vector_constants
+from symfive.instruments._base import (
+    ZERO_SIGMA_UM,
+    BallInstrument,
+    Instrument,
+    setup_parameter,
+    setup_vector,
+    vector_constants,
+)
 from symfive.instruments.ball_bar import BallBar
 from symfive.instruments.displacement import Displacement
 from symfive.instruments.drive_force import DriveForce
@@ -26,8 +33,9 @@ if TYPE_CHECKING:
     from symfive.runs import Run
 
 __all__ = [
-    "INSTRUMENTS", "ZERO_SIGMA_UM", "Column", "Instrument", "check_mounting", "columns_of", "fitted_parts",
-    "has_clock_of_its_own", "instruments_of", "mounted", "setup_parameter", "setup_vector", "touches_of", "vector_constants",
+    "INSTRUMENTS", "ZERO_SIGMA_UM", "BallInstrument", "Column", "Instrument", "ball_instrument", "check_mounting", "columns_of",
+    "fitted_parts", "has_clock_of_its_own", "has_post", "instruments_of", "mounted", "setup_parameter", "setup_vector",
+    "touches_of", "vector_constants",
 ]  # fmt: skip
 
 _ALL = (
@@ -57,6 +65,16 @@ def instruments_of(run: Run) -> tuple[Instrument, ...]:
 def mounted(run: Run) -> tuple[str, str]:
     """What stands on the table in a run, and what the spindle holds; nothing where no instrument names a place."""
     return next(((i.on_table(run), i.in_spindle(run)) for i in instruments_of(run) if i.stands), ("", ""))
+
+
+def ball_instrument(run: Run) -> BallInstrument | None:
+    """The instrument of a run that reads the tool's ball against the table's."""
+    return next((i for i in instruments_of(run) if isinstance(i, BallInstrument)), None)
+
+
+def has_post(run: Run) -> bool:
+    """Whether a ball or a nest on a post stands on the table in a run."""
+    return any(instrument.on_a_post for instrument in instruments_of(run))
 
 
 def columns_of(run: Run, machine: Machine) -> tuple[Column, ...]:

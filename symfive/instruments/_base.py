@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from symfive.arrays import Flags
+from symfive.arrays import Array, Flags
 from symfive.errors import InputError
 from symfive.parameters import Parameter
 from symfive.runs import Column
@@ -40,8 +40,10 @@ class Instrument:
     """What the spindle holds at `tool_ball`."""
     on_a_post: ClassVar[bool] = False
     """Whether that is a ball or a nest on a post, which is drawn."""
-    seated: ClassVar[str] = "BALL"
-    """What a program tells the operator to seat before a run."""
+    seated: ClassVar[str] = "ball"
+    """What is seated on what stands on the table, or is touched there."""
+    limit: ClassVar[str] = "sensor_range"
+    """Entry of [workspace] that says how far its readings may go to either side."""
     ball_drawn: ClassVar[bool] = False
     """Whether it reads where `tool_ball` is in the workpiece frame, so that its poses are drawn."""
     numbers: ClassVar[tuple[str, ...]] = ()
@@ -67,6 +69,10 @@ class Instrument:
     def signals(self, run: Run, machine: Machine) -> tuple[Signal, ...]:
         """Signals it reads beside the axis positions."""
         return ()
+
+    def stroke(self, machine: Machine) -> float:
+        """How far a reading may go to either side, mm, by `limit`."""
+        return float(getattr(machine.workspace, self.limit))
 
     def on_table(self, run: Run) -> str:
         """What stands on the table in a run: `stands`, or another word for what its options say."""
@@ -100,7 +106,12 @@ class Instrument:
 class BallInstrument(Instrument):
     """Reads the tool's ball against the table's: the places of both are constants, and the spindle turns the tool's."""
 
+    on_a_post = True
     ball_drawn = True
+
+    def designed(self, run: Run, away: Array) -> Array:
+        """About what it would read (N, columns), mm, of a tool ball at `away` (N, 3) from the table's, workpiece frame."""
+        return away
 
     def signals(self, run: Run, machine: Machine) -> tuple[Signal, ...]:
         from symfive.motion import SpindleAngle

@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from symfive.arrays import Array
 from symfive.errors import InputError
 from symfive.instruments._base import BallInstrument, setup_parameter, setup_vector
 from symfive.parameters import Parameter
@@ -21,8 +24,8 @@ class BallBar(BallInstrument):
 
     name = "ball_bar"
     stands = "table ball"
-    on_a_post = True
-    seated = "BAR"
+    seated = "bar"
+    limit = "bar_stroke"
     imported = (("dL", "um", "um"),)
 
     def check(self, run: Run, machine: Machine) -> None:
@@ -44,6 +47,9 @@ class BallBar(BallInstrument):
 
     def constants(self, run: Run, machine: Machine) -> Mapping[str, float]:
         return {**super().constants(run, machine), "length": float(run.length or 0.0)}
+
+    def designed(self, run: Run, away: Array) -> Array:
+        return np.asarray(np.linalg.norm(away, axis=1, keepdims=True) - (run.length or 0.0))
 
     def zeroed(self, run: Run) -> bool:
         return False  # its readings count from the calibrated length

@@ -28,7 +28,7 @@ class GridEncoder(Instrument):
     name = "grid_encoder"
     stands = "middle of the grid plate"
     held = "reading head"
-    seated = "READING HEAD"
+    seated = "reading head"
     ball_drawn = True
     imported = (("du", "um", "um"), ("dv", "um", "um"))
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from symfive.arrays import Array
 from symfive.errors import InputError
 from symfive.instruments._base import ZERO_SIGMA_UM, BallInstrument, setup_parameter, setup_vector
 from symfive.parameters import Parameter
@@ -34,7 +35,6 @@ class RTest(BallInstrument):
 
     name = "r_test"
     stands = "nest"
-    on_a_post = True
     imported = (("dx", "um", "um"), ("dy", "um", "um"), ("dz", "um", "um"))
 
     def check(self, run: Run, machine: Machine) -> None:
@@ -63,6 +63,10 @@ class RTest(BallInstrument):
     def place_sigma(self, run: Run) -> float | None:
         sigma = run.setup_sigma_um
         return sigma.table_ball if _in_head(run) else sigma.zero
+
+    def designed(self, run: Run, away: Array) -> Array:
+        along = np.array(list(self._sensors(run).values()))
+        return np.asarray(away @ (along / np.linalg.norm(along, axis=1, keepdims=True)).T)
 
     def zeroed(self, run: Run) -> bool:
         return run.setup_sigma_um.zero is None

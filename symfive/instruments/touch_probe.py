@@ -35,7 +35,7 @@ class TouchProbe(BallInstrument):
     name = "touch_probe"
     stands = "sphere"
     held = "centre of the tip"
-    on_a_post = True
+    seated = "sphere"
 
     def check(self, run: Run, machine: Machine) -> None:
         if len(machine.linear_axes) != 3:

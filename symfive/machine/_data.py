@@ -86,10 +86,6 @@ class Workspace:
                     raise InputError(problem, remedy=remedy, keys=("above_ball",))
             object.__setattr__(self, "spindle_nose", freeze(self.spindle_nose))
 
-    def stroke(self, *, bar: bool) -> float:
-        """How far a reading may go to either side, mm: of a ball bar, or of an R-test's sensors."""
-        return self.bar_stroke if bar else self.sensor_range
-
 
 @dataclass(frozen=True, kw_only=True)
 class EffectEntry:

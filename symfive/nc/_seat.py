@@ -10,6 +10,7 @@ import numpy as np
 from symfive.arrays import Array, Indices
 from symfive.campaign import FIRST_LINE, Run
 from symfive.errors import InputError
+from symfive.instruments import instruments_of
 from symfive.machine import Machine
 from symfive.procedures import Nominal
 
@@ -45,7 +46,7 @@ class Seat:
     def blocks(self, legs: Sequence[Leg], centred: bool) -> list[tuple[Array, Array, Array]]:
         """Straight blocks of every leg: positions (n, axes) and places (n, 3) at the ends of n equal blocks, and the path of the
         axes (m, axes), start and end included. `centred`: the control makes them follow the ball."""
-        allowed = CHORD_SHARE * self.machine.workspace.stroke(bar=self.bar)
+        allowed = CHORD_SHARE * instruments_of(self.run)[0].stroke(self.machine)
         stand = [np.array([[place[n] for n in self.names] for place in (a, b)]) for a, b, _ in legs]
         ends = np.array(stand).reshape(-1, 2, len(self.names))
         balls = self.nominal.ball({n: ends[:, :, i].ravel() for i, n in enumerate(self.names)}, self.run.tool_ball)

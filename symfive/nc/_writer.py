@@ -120,7 +120,8 @@ class Writer:
 
     @property
     def _ball(self) -> str:
-        return next((i.seated for i in instruments_of(self.run) if i.seated != Instrument.seated), Instrument.seated)
+        words = [i.seated for i in instruments_of(self.run)]
+        return next((word for word in words if word != Instrument.seated), Instrument.seated).upper()
 
     def first_moves(self) -> list[Step]:
         """The tool's axis alone to the top, rotary axes, plane, down to the lifted pose; a look at it; creep in."""
