@@ -12,14 +12,12 @@ bound is exceeded join the relaxed design until none does. Set-ups and poses are
 
 from __future__ import annotations
 
-import itertools
 import math
 from dataclasses import replace
 
 import numpy as np
 
-from symfive.arrays import Array
-from symfive.design._candidates import candidates_in, pose_grid, rows_of
+from symfive.design._candidates import candidates_in, pose_grid, rows_of, setup_options
 from symfive.design._space import Space
 from symfive.optimal import Candidates, Rows, Task, inverse, marginal_sensitivity, relax
 
@@ -32,7 +30,7 @@ def bound_anywhere(space: Space, task: Task, rows: Rows, runs: int) -> float:
     """The lowest ψ that any plan with as many poses as `rows` in at most `runs` set-ups can have."""
     points = len(rows.z)
     own = [np.flatnonzero(rows.group == g)[0] for g in range(rows.groups)]
-    setups, lengths = _many_setups(space)
+    setups, lengths = setup_options(space, (0.5, 1.0))
     setups = np.concatenate([rows.z[own][:, rows.poses :], setups])
     lengths = np.concatenate([rows.k[own], lengths])
     grid = candidates_in(space, setups, lengths, pose_grid(space, POSES))
@@ -58,19 +56,6 @@ def bound_anywhere(space: Space, task: Task, rows: Rows, runs: int) -> float:
         best = sorted((s for s in each if s not in active), key=lambda s: each[s][0])
         active += best[-JOINING:]
     return bound
-
-
-def _many_setups(space: Space) -> tuple[Array, Array]:
-    low, high = space.lower[space.poses :], space.upper[space.poses :]
-    places = [(0.0, 0.0)]
-    for radius in (0.5 * high[0], high[0]) if high[0] > 0.0 else ():
-        places += [(radius, angle) for angle in (0.0, math.pi / 2.0, math.pi, -math.pi / 2.0)]
-    heights, tools = np.unique([low[2], high[2]]), np.unique([low[3], high[3]])
-    options = [(*place, *rest) for place in places for rest in itertools.product(heights, tools)]
-    return (
-        np.array([option for option in options for _ in space.lengths]),
-        np.array([[length] for _ in options for length in space.lengths]),
-    )
 
 
 def _columns(space: Space, rows: Rows, grid: Candidates, active: list[int]) -> Candidates:

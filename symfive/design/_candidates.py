@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -33,12 +34,13 @@ def value_of(space: Space, task: Task, rows: Rows) -> float:
     return task.value(information_of(space, task, rows))
 
 
-def setup_options(space: Space) -> tuple[Array, Array]:
-    """Set-ups (m, 4) as in `SETUP_VARIABLES` and their constants (m, 1): corners of the workspace, each with each bar."""
+def setup_options(space: Space, radii: Sequence[float] = (1.0,)) -> tuple[Array, Array]:
+    """Set-ups (m, 4) as in `SETUP_VARIABLES` and their constants (m, 1): at the table's centre and at these shares of its radius,
+    at the ends of heights and tool lengths, each with each bar."""
     low, high = space.lower[space.poses :], space.upper[space.poses :]
     places = [(0.0, 0.0)]
-    if high[0] > 0.0:
-        places += [(high[0], angle) for angle in (0.0, math.pi / 2.0, math.pi, -math.pi / 2.0)]
+    for radius in radii if high[0] > 0.0 else ():
+        places += [(radius * high[0], angle) for angle in (0.0, math.pi / 2.0, math.pi, -math.pi / 2.0)]
     ends = [sorted({low[i], high[i]}) for i in (2, 3)]
     options = [(*place, *rest) for place in places for rest in itertools.product(*ends)]
     setups = np.array([option for option in options for _ in space.lengths])
