@@ -13,16 +13,20 @@ from symfive.design._space import Space, make_space
 from symfive.machine import Machine
 from symfive.optimal import Candidates, Rows, Task, inverse
 
-SHORTLIST, PASSES = 12, 2
+SHORTLIST, WEAKEST, PASSES = 12, 3, 2
 
 
 def lost_pose(task: Task, rows: Array, group: Indices, groups: int) -> tuple[float, int]:
     """ψ after the loss of the pose that hurts most, and which one (rows (n, width, ny))."""
-    whole = task.layout(groups).embed(rows, group)
-    information = task.information(rows, group, groups)
-    left = [task.value(information - row @ row.T) for row in whole]
+    left = _each_lost(task, rows, group, groups)
     worst = int(np.argmax(left))
     return left[worst], worst
+
+
+def _each_lost(task: Task, rows: Array, group: Indices, groups: int) -> list[float]:
+    """ψ after the loss of each pose."""
+    information = task.information(rows, group, groups)
+    return [task.value(information - row @ row.T) for row in task.layout(groups).embed(rows, group)]
 
 
 def survive_a_lost_pose(space: Space, task: Task, rows: Rows, candidates: Candidates) -> Rows:
@@ -42,8 +46,8 @@ def survive_a_lost_pose(space: Space, task: Task, rows: Rows, candidates: Candid
         seen = np.einsum("npy,pq,nqy->n", whole, pull, whole, optimize=True)
         best: Candidates | None = None
         for entering in np.argsort(seen)[::-1][:SHORTLIST]:
-            for leaving in _weakest(task, current, rows.groups):
-                trial = _swapped(current, candidates, int(entering), leaving)
+            for leaving in np.argsort(_each_lost(task, current.rows, current.group, rows.groups))[:WEAKEST]:
+                trial = _swapped(current, candidates, int(entering), int(leaving))
                 reached, place = lost_pose(task, trial.rows, trial.group, rows.groups)
                 if reached < value - 1e-9:
                     value, worst, best = reached, place, trial
@@ -51,13 +55,6 @@ def survive_a_lost_pose(space: Space, task: Task, rows: Rows, candidates: Candid
             break
         current = best
     return Rows.of(current.z, current.k, current.group, rows.poses)
-
-
-def _weakest(task: Task, current: Candidates, groups: int) -> list[int]:
-    """The few poses whose loss hurts least."""
-    whole = task.layout(groups).embed(current.rows, current.group)
-    information = task.information(current.rows, current.group, groups)
-    return [int(i) for i in np.argsort([task.value(information - row @ row.T) for row in whole])[:3]]
 
 
 def _swapped(current: Candidates, candidates: Candidates, entering: int, leaving: int) -> Candidates:
