@@ -35,11 +35,13 @@ UNITS = {"ratio": "", "feed": " mm/min"}
 
 def circle_words(circle: Circle) -> str:
     """A circle's variables with their units, and where its ball stands."""
-    values = ", ".join(
-        f"{NAMES.get(name, name)} {value:g}{UNITS.get(name, ' mm')}" for name, value in circle.shape.values.items()
-    )
+    values = ", ".join(_valued(name, value) for name, value in circle.shape.values.items())
     x, y, _ = (round(v, 3) + 0.0 for v in circle.runs[0].table_ball)
     return f"{circle.shape.family}, {circle.shape.direction}: {values}; ball at ({x:g}, {y:g}) mm on the table"
+
+
+def _valued(name: str, value: float) -> str:
+    return f"{NAMES.get(name, name)} {value:g}{UNITS.get(name, ' mm')}"
 
 
 def sigma_words(parameters: Sequence[Parameter], sigma: Mapping[str, float]) -> list[str]:
@@ -88,16 +90,13 @@ def list_end_words(
             if abs(circle.shape.values[name] - end) <= NEAR_END * (high - low)
         }
         for end in sorted(ends) if high > low else ():
-            if end == high and end >= (most or {}).get(name, math.inf):
-                notes.append(
-                    f"{NAMES.get(name, name)} {end:g}{UNITS.get(name, ' mm')} is the largest value the machine allows"
-                )
-                continue
             side = "smallest" if end == low else "largest"
-            notes.append(
-                f"{NAMES.get(name, name)} {end:g}{UNITS.get(name, ' mm')} is the {side} value offered, not a limit of the "
-                "machine; offer more values if your machine allows them"
+            says = (
+                f"the {side} value offered, not a limit of the machine; offer more values if your machine allows them"
             )
+            if end == high and end >= (most or {}).get(name, math.inf):
+                says = "the largest value the machine allows"
+            notes.append(f"{_valued(name, end)} is {says}")
     return notes
 
 
