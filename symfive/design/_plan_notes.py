@@ -39,18 +39,18 @@ def plan_notes(
     what the machine file lacks."""
     indexed = any(run.spindle is not None for run in schedule.campaign.runs)
     return (
-        *_why_low(certificate, space.instrument, expected, given),
+        *_why_low(certificate, space.kernel.readings, expected, given),
         *what_dominates(space, task, schedule.rows, indexed=indexed),
         *_counts_on(schedule.campaign, expected, given), *_rounding_notes(space, schedule), *_notes(schedule),
     )  # fmt: skip
 
 
-def _why_low(certificate: Certificate, instrument: str, assessment: Assessment, given: Campaign | None) -> list[str]:
-    """Why a plan stays far from its bound, where it does: fewer readings than unknowns, or whole poses."""
+def _why_low(certificate: Certificate, of_a_pose: int, assessment: Assessment, given: Campaign | None) -> list[str]:
+    """Why a plan stays far from its bound, where it does: fewer readings, so many `of_a_pose`, than unknowns, or whole poses."""
     if not certificate.why_low:
         return []
     points = certificate.points
-    readings, unknowns = points * (1 if instrument == "ball_bar" else 3), len(assessment.parameters)
+    readings, unknowns = points * of_a_pose, len(assessment.parameters)
     if readings >= unknowns:
         return [certificate.why_low]
     earlier = "" if given is None else " and the earlier ones"
@@ -168,7 +168,7 @@ def what_dominates(space: Space, task: Task, rows: Rows, *, indexed: bool = Fals
     """One sentence where the criterion hardly moves with the number of poses; nothing where it does, nor where there are fewer
     readings than unknowns: further poses then determine what repeated ones do not."""
     prior, count = task.prior_information(rows.groups), len(rows.z)
-    least = math.ceil(len(prior) / (1 if space.instrument == "ball_bar" else 3))
+    least = math.ceil(len(prior) / space.kernel.readings)
     if count < least:
         return []
     read = information_of(space, task, rows) - prior
