@@ -1,15 +1,12 @@
 """One way: a package imports what stands below it in the table of `docs/_architecture.py`, by public names only."""
 
-import sys
 from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
+from _architecture import LAYERS, Import, imports, modules, package, picture
 
 ROOT = Path(__file__).resolve().parent.parent
-sys.path.insert(0, str(ROOT / "docs"))
-
-from _architecture import LAYERS, Import, imports, modules, package, picture  # noqa: E402
 
 ORDER = [name for layer in LAYERS.values() for name in layer]
 

@@ -7,11 +7,9 @@ import sys
 from pathlib import Path
 
 import pytest
+import rows
 
 BENCHMARKS = Path(__file__).resolve().parent.parent / "benchmarks"
-sys.path.append(str(BENCHMARKS))
-
-import rows  # noqa: E402
 
 JACOBIAN = {
     "ours": 100.0, "used": 25.0, "used limit": 12.5, "sums": 100.0, "sums limit": 50.0, "past": 115.0, "past limit": 110.0,

@@ -13,30 +13,19 @@ from typing import Any
 import numpy as np
 import plant
 import pytest
+from blind_study_world import finding_of
 from plant import effects as plant_effects
 from scipy.signal import lfilter
 
+from examples.blind_study import cases, effects, recorded, score, span, stages, store, study
+from examples.blind_study.forms import honest
+from examples.blind_study.frozen import FROZEN, form_of_case
+from examples.blind_study.others import FAULTS, OUTSIDE
+from examples.blind_study.plans import draw_setting
+from symfive.effects import EFFECTS
+from symfive.errors import InputError
+
 ROOT = Path(__file__).resolve().parent.parent
-sys.path.insert(0, str(ROOT))
-
-from blind_study_world import finding_of  # noqa: E402
-
-from examples.blind_study import (  # noqa: E402
-    cases,
-    effects,
-    recorded,
-    score,
-    span,
-    stages,
-    store,
-    study,
-)
-from examples.blind_study.forms import honest  # noqa: E402
-from examples.blind_study.frozen import FROZEN, form_of_case  # noqa: E402
-from examples.blind_study.others import FAULTS, OUTSIDE  # noqa: E402
-from examples.blind_study.plans import draw_setting  # noqa: E402
-from symfive.effects import EFFECTS  # noqa: E402
-from symfive.errors import InputError  # noqa: E402
 
 
 def test_strata_are_in_proportion_and_interleaved() -> None:

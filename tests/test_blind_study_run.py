@@ -3,29 +3,18 @@
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import plant
 import pytest
+from blind_study_world import SPEC, said_of, verdict_with
 
-ROOT = Path(__file__).resolve().parent.parent
-sys.path.insert(0, str(ROOT))
-
-from blind_study_world import SPEC, said_of, verdict_with  # noqa: E402
-
-from examples.blind_study import (  # noqa: E402
-    challenge,
-    recorded,
-    stages,
-    store,
-    study,
-)
-from symfive.campaign import read_campaign  # noqa: E402
-from symfive.errors import InputError  # noqa: E402
-from symfive.executors import executor  # noqa: E402
+from examples.blind_study import challenge, recorded, stages, store, study
+from symfive.campaign import read_campaign
+from symfive.errors import InputError
+from symfive.executors import executor
 
 IDS = ["none-002", "visible-002"]
 

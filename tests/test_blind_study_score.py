@@ -3,30 +3,16 @@
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from blind_study_world import SPEC, finding_of, said_of, verdict_with
 
-ROOT = Path(__file__).resolve().parent.parent
-sys.path.insert(0, str(ROOT))
-
-from blind_study_world import SPEC, finding_of, said_of, verdict_with  # noqa: E402
-
-from examples.blind_study import (  # noqa: E402
-    challenge,
-    controls,
-    effects,
-    figures,
-    rivals,
-    score,
-    stages,
-    store,
-)
-from examples.blind_study.oracle import oracle, true_effect  # noqa: E402
+from examples.blind_study import challenge, controls, effects, figures, rivals, score, stages, store
+from examples.blind_study.oracle import oracle, true_effect
 
 FACT = {
     "name": ["backlash", "C"],

@@ -5,7 +5,6 @@ from __future__ import annotations
 import html
 import json
 import math
-import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -15,6 +14,7 @@ import numpy as np
 import plant
 import pytest
 from lean import location_only
+from make_parts import PARTS, write_parts
 
 from symfive.campaign import SetupSigma
 from symfive.cli import main
@@ -24,11 +24,6 @@ from symfive.identify import identify
 from symfive.machine import Machine, preset
 from symfive.simulate import simulate
 from symfive.toolpath import ToolPath, read_tool_path
-
-EXAMPLES = Path(__file__).resolve().parent.parent / "examples" / "parts"
-sys.path.insert(0, str(EXAMPLES))
-
-from make_parts import PARTS, write_parts  # noqa: E402
 
 FIVE = ("table-bc", "head-bc", "mixed-bc", "nutating-table", "tsutsumi-2007")
 QUICK: dict[str, Any] = {"points": 16, "starts": 1, "anywhere": False, "prove": False}

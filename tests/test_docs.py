@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 import shlex
-import sys
 import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -177,7 +176,6 @@ def test_effects_of_their_page_are_exact_and_named_by_component(own_tables):
 
 def test_the_effects_page_asks_its_reader_for_no_axis_or_option(own_tables):
     """What it does not draw lacks a recording, or its machine has a drive."""
-    sys.path.insert(0, str(ROOT / "docs"))
     from _effects_page import campaign, drawn
 
     python_of(ROOT / "docs/howto/effect.md")

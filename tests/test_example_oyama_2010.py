@@ -3,22 +3,16 @@
 from __future__ import annotations
 
 import json
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from claim_checks import assert_refuted, assert_reproduced
 
-ROOT = Path(__file__).resolve().parent.parent
-sys.path.insert(0, str(ROOT))
-
-from claim_checks import assert_refuted, assert_reproduced  # noqa: E402
-
-from examples import claims as table  # noqa: E402
-from examples.oyama_2010 import claims, equations, figures, machine, steps, story  # noqa: E402
-from examples.panels import save  # noqa: E402
-from symfive.diagnose import facts_of  # noqa: E402
+from examples import claims as table
+from examples.oyama_2010 import claims, equations, figures, machine, steps, story
+from examples.panels import save
+from symfive.diagnose import facts_of
 
 REPRODUCED = {
     "P2-1", "P2-2", "P2-3c", "P2-3d", "P2-3e", "P2-3f", "P2-3g", "P2-4a", "P2-4b", "P2-5a", "P2-5b", "P2-6a", "P2-6b",

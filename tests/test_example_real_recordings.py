@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,29 +11,20 @@ import numpy as np
 import pytest
 from laser_world import axis_alone, laser_run
 
-ROOT = Path(__file__).resolve().parent.parent
-sys.path.insert(0, str(ROOT))
-
-from examples.real_recordings import figures, story, words  # noqa: E402
-from examples.real_recordings.recordings import (  # noqa: E402
-    RECORDINGS,
-    Part,
-    Recording,
-    halves,
-    runs_with,
-)
-from examples.real_recordings.rivals import RIVALS, best_rival, boosted, harmonic, table  # noqa: E402
-from examples.real_recordings.study import Study, rms_of, study  # noqa: E402
-from symfive.campaign import Campaign, Run  # noqa: E402
-from symfive.convert import CONVERTERS, convert, data_folder  # noqa: E402
-from symfive.diagnose import Split, amend, held_out_square, root  # noqa: E402
-from symfive.effects import Effect, Varying, make_effect  # noqa: E402
-from symfive.errors import InputError  # noqa: E402
-from symfive.identify import identify  # noqa: E402
-from symfive.importers import cycles_of, rows_of, turns_of  # noqa: E402
-from symfive.machine import Machine, Structure, make_axis  # noqa: E402
-from symfive.posterior import baseline  # noqa: E402
-from symfive.simulate import simulate  # noqa: E402
+from examples.real_recordings import figures, story, words
+from examples.real_recordings.recordings import RECORDINGS, Part, Recording, halves, runs_with
+from examples.real_recordings.rivals import RIVALS, best_rival, boosted, harmonic, table
+from examples.real_recordings.study import Study, rms_of, study
+from symfive.campaign import Campaign, Run
+from symfive.convert import CONVERTERS, convert, data_folder
+from symfive.diagnose import Split, amend, held_out_square, root
+from symfive.effects import Effect, Varying, make_effect
+from symfive.errors import InputError
+from symfive.identify import identify
+from symfive.importers import cycles_of, rows_of, turns_of
+from symfive.machine import Machine, Structure, make_axis
+from symfive.posterior import baseline
+from symfive.simulate import simulate
 
 PLACES = np.array([0.0, 40.0, 80.0, 120.0, 160.0, 200.0])
 WIDTH_UM = 12.0

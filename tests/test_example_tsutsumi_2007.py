@@ -3,33 +3,21 @@
 from __future__ import annotations
 
 import json
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-ROOT = Path(__file__).resolve().parent.parent
-sys.path.insert(0, str(ROOT))
-
-from examples import claims as table  # noqa: E402
-from examples.tsutsumi_2007 import claims, concealed, figures, information, path_claims, story, twin  # noqa: E402
-from examples.tsutsumi_2007.drives import PAPER, Gear, behind_the_gear, driven  # noqa: E402
-from examples.tsutsumi_2007.path import Circle, derived_rates  # noqa: E402
-from examples.tsutsumi_2007.readings import (  # noqa: E402
-    Case,
-    Trace,
-    bar_um,
-    first_order_peak_um,
-    one_axis_lags,
-    simulate,
-)
-from examples.tsutsumi_2007.simulations import RATIOS, Simulations, case_of, run_all  # noqa: E402
-from symfive.diagnose import diagnose  # noqa: E402
-from symfive.identify import identify  # noqa: E402
-from symfive.machine import preset  # noqa: E402
+from examples import claims as table
+from examples.tsutsumi_2007 import claims, concealed, figures, information, path_claims, story, twin
+from examples.tsutsumi_2007.drives import PAPER, Gear, behind_the_gear, driven
+from examples.tsutsumi_2007.path import Circle, derived_rates
+from examples.tsutsumi_2007.readings import Case, Trace, bar_um, first_order_peak_um, one_axis_lags, simulate
+from examples.tsutsumi_2007.simulations import RATIOS, Simulations, case_of, run_all
+from symfive.diagnose import diagnose
+from symfive.identify import identify
+from symfive.machine import preset
 
 OF_THE_PATH = ("P3-1", "P3-2", "P3-3", "P3-4")
 OF_THE_TRACES = tuple(f"P3-{k}" for k in range(5, 15))

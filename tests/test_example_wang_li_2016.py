@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from claim_checks import assert_refuted, assert_reproduced
+
+from examples.panels import save
+from examples.wang_li_2016 import b_motions, claims, equations, figures, machine, machines, plates, screw, story
+from examples.wang_li_2016.estimators import SLOPES, Joint, Sequence
+from symfive.campaign import read_campaign, write_campaign
+from symfive.model import Model
+from symfive.procedures import campaign_of
 
 ROOT = Path(__file__).resolve().parent.parent
-sys.path.insert(0, str(ROOT))
-
-from claim_checks import assert_refuted, assert_reproduced  # noqa: E402
-
-from examples.panels import save  # noqa: E402
-from examples.wang_li_2016 import b_motions, claims, equations, figures, machine, machines, plates, screw, story  # noqa: E402
-from examples.wang_li_2016.estimators import SLOPES, Joint, Sequence  # noqa: E402
-from symfive.campaign import read_campaign, write_campaign  # noqa: E402
-from symfive.model import Model  # noqa: E402
-from symfive.procedures import campaign_of  # noqa: E402
 
 WRONG = {"P1-2b", "P1-2d", "P1-3b", "P1-4a", "P1-5d", "P1-5g", "P1-5k", "P1-9b"}
 REPRODUCED = {

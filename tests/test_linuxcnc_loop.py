@@ -17,24 +17,23 @@ import numpy as np
 import pytest
 from processes import PATIENCE_S, ended, gone, until
 
-ROOT = Path(__file__).resolve().parent.parent
-sys.path.insert(0, str(ROOT))
+from examples.linuxcnc_loop import controller, loop, poses
+from examples.linuxcnc_loop.baseline import with_error_motions
+from examples.linuxcnc_loop.configuration import TCP_OFF, hal_text, ini_text, joint_letters, tcp_on
+from examples.linuxcnc_loop.controller import PREFIX, Controller, Recording, setp_lines
+from examples.linuxcnc_loop.deviation import measured_deviation, true_deviation
+from examples.linuxcnc_loop.poses import held_out_run, joints_at_poses, plant_run, pose_lines, programme
+from examples.linuxcnc_loop.truth import MotionCurve, drawn_machine, measure
+from symfive.campaign import read_campaign
+from symfive.codegen import codegen, subject_of
+from symfive.codegen.linuxcnc import WORLD, pin_names
+from symfive.design import plan
+from symfive.errors import InputError
+from symfive.machine import Machine, machine_to_data, preset
+from symfive.nc import Post
+from symfive.procedures import r_test_grid
 
-from examples.linuxcnc_loop import controller, loop, poses  # noqa: E402
-from examples.linuxcnc_loop.baseline import with_error_motions  # noqa: E402
-from examples.linuxcnc_loop.configuration import TCP_OFF, hal_text, ini_text, joint_letters, tcp_on  # noqa: E402
-from examples.linuxcnc_loop.controller import PREFIX, Controller, Recording, setp_lines  # noqa: E402
-from examples.linuxcnc_loop.deviation import measured_deviation, true_deviation  # noqa: E402
-from examples.linuxcnc_loop.poses import held_out_run, joints_at_poses, plant_run, pose_lines, programme  # noqa: E402
-from examples.linuxcnc_loop.truth import MotionCurve, drawn_machine, measure  # noqa: E402
-from symfive.campaign import read_campaign  # noqa: E402
-from symfive.codegen import codegen, subject_of  # noqa: E402
-from symfive.codegen.linuxcnc import WORLD, pin_names  # noqa: E402
-from symfive.design import plan  # noqa: E402
-from symfive.errors import InputError  # noqa: E402
-from symfive.machine import Machine, machine_to_data, preset  # noqa: E402
-from symfive.nc import Post  # noqa: E402
-from symfive.procedures import r_test_grid  # noqa: E402
+ROOT = Path(__file__).resolve().parent.parent
 
 GRID = {"B": [-60.0, 0.0, 60.0], "C": [0.0, 90.0, 180.0, 270.0]}
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import json
-import sys
 from dataclasses import replace
 from pathlib import Path
 
+import intervals
 import numpy as np
 import pytest
 from laser_world import axis_alone, laser_run
@@ -21,10 +21,6 @@ from symfive.posterior import baseline
 from symfive.procedures import campaign_of, planar_circle, r_test_grid
 from symfive.report import diagnosis_report, diagnosis_text, identification_text
 from symfive.simulate import simulate
-
-sys.path.append(str(Path(__file__).resolve().parent.parent / "benchmarks"))
-
-import intervals
 
 NOISE_UM = 0.3
 TARGETS = np.linspace(0.0, 300.0, 31)

@@ -3,10 +3,3 @@
 `python -m examples.blind_study --cases N --seed S -o DIR`. What makes the cases (`plans`, `effects`, `span`, `cases`)
 knows the plant only and nothing of symfive; what judges them (`judge`) never sees an answer.
 """
-
-import sys
-from pathlib import Path
-
-TESTS = Path(__file__).resolve().parents[2] / "tests"
-if str(TESTS) not in sys.path:
-    sys.path.insert(0, str(TESTS))  # the plant lives there

@@ -3,10 +3,3 @@
 A machine of the independent plant is measured through LinuxCNC, identified by symfive, and run again through LinuxCNC with
 the identified errors in the kinematics. What makes the truth (`truth`) knows nothing of symfive's model.
 """
-
-import sys
-from pathlib import Path
-
-TESTS = Path(__file__).resolve().parents[2] / "tests"
-if str(TESTS) not in sys.path:
-    sys.path.insert(0, str(TESTS))  # the plant lives there

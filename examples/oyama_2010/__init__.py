@@ -3,10 +3,3 @@
 `python -m examples.oyama_2010 -o RESULTS`. The recordings come from an independent plant (`tests/plant`); the paper's
 equations stand in `equations` and are held against symfive's exact chain.
 """
-
-import sys
-from pathlib import Path
-
-TESTS = Path(__file__).resolve().parents[2] / "tests"
-if str(TESTS) not in sys.path:
-    sys.path.insert(0, str(TESTS))  # the plant lives there

@@ -3,10 +3,3 @@
 `python -m examples.wang_li_2016 -o RESULTS`. The paper's equations stand in `equations` and are held against symfive's exact
 chain; readings come from an independent plant (`tests/plant`).
 """
-
-import sys
-from pathlib import Path
-
-TESTS = Path(__file__).resolve().parents[2] / "tests"
-if str(TESTS) not in sys.path:
-    sys.path.insert(0, str(TESTS))  # the plant lives there
