@@ -10,15 +10,14 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from symfive.arrays import Array, Indices
-from symfive.campaign import FIRST_LINE
 from symfive.drawing import BLUE, INK, ORANGE
 from symfive.errors import InputError
 from symfive.identify import Identification
 from symfive.machine import Axis
 from symfive.numbers import unit_words, with_unit
 from symfive.report._over_time import FEW_ROWS
-from symfive.report._style import blank, footnote, robust_limit, short, styled, tip
-from symfive.report._traces import Trace, direction_of, folded, moving_axes, spread, traces_of
+from symfive.report._style import blank, footnote, styled, tip
+from symfive.report._traces import Trace, direction_of, folded, limit_of, moving_axes, spread, traces_of
 
 MOST_POINTS = 6000
 MOST_ROWS = 8
@@ -48,9 +47,7 @@ def residuals_over_coordinates(identification: Identification, runs: str | Itera
     thinned = 1
     for i, (label, unit) in enumerate(rows):
         mine = [trace for trace in traces if (trace.label, trace.unit) == (label, unit)]
-        limit = robust_limit(
-            np.concatenate([v for t in mine for v in (t.low, t.high)]), 4.0 * max(t.noise.declared for t in mine)
-        )
+        limit = limit_of(mine)
         for j, name in enumerate(moved):
             thinned = max(thinned, _draw(grid[i, j], machine.axes[name], mine))
         grid[i, 0].set_ylim(-limit, limit)
@@ -104,9 +101,8 @@ def _said(parts: Sequence[Trace], dots: Indices, place: Array, axis: Axis) -> li
     found = []
     for dot in dots.tolist():
         trace, row = owners[dot]
-        at = f"{axis.name} {with_unit(place[dot], axis.unit)}"
-        left = f"{trace.label} {with_unit(trace.residual[row], trace.unit)}"
-        found.append(f"{short(trace.run.id)}, pose {row + 1} (line {row + FIRST_LINE}), {at}: {left}")
+        pose, left = trace.said(row)
+        found.append(f"{pose}, {axis.name} {with_unit(place[dot], axis.unit)}: {left}")
     return found
 
 

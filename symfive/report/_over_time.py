@@ -12,12 +12,11 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
 from symfive.arrays import Array, Flags
-from symfive.campaign import FIRST_LINE
 from symfive.drawing import FAINT, INK, SERIES
 from symfive.identify import Identification
-from symfive.numbers import plain_number, unit_words, with_unit
-from symfive.report._style import blank, footnote, robust_limit, short, styled
-from symfive.report._traces import Trace, by_panel, running_mean, spread, traces_of
+from symfive.numbers import plain_number, unit_words
+from symfive.report._style import blank, footnote, short, styled
+from symfive.report._traces import Trace, by_panel, limit_of, running_mean, spread, traces_of
 
 FEW_ROWS = 100
 """Runs of fewer rows are drawn as single readings: a line between them would show nothing that was measured."""
@@ -46,7 +45,7 @@ def residuals_over_time(identification: Identification, runs: str | Iterable[str
     rows = -(-len(drawn) // columns)
     figure = blank(9.0, max(2.6, 1.45 * rows + 1.0))
     grid = figure.subplots(rows, columns, squeeze=False)
-    limits = _limits(every)
+    limits = {unit: limit_of([trace for trace in every if trace.unit == unit]) for unit in {t.unit for t in every}}
     steps = {1}
     tipped = sum(trace.run.rows for trace in every if not trace.run.dynamic) <= TIPPED_ROWS
     alike = len({trace.run.dynamic for trace in every}) == 1
@@ -75,15 +74,6 @@ def residuals_over_time(identification: Identification, runs: str | Iterable[str
         f"Drawn: the first {MOST_PANELS} of {len(panels)} panels." if len(panels) > MOST_PANELS else "",
     )
     return figure
-
-
-def _limits(traces: list[Trace]) -> dict[str, float]:
-    found: dict[str, float] = {}
-    for unit in {trace.unit for trace in traces}:
-        mine = [trace for trace in traces if trace.unit == unit]
-        least = 4.0 * max(trace.noise.declared for trace in mine)
-        found[unit] = robust_limit(np.concatenate([v for t in mine for v in (t.low, t.high)]), least)
-    return found
 
 
 def _draw(axes: Axes, traces: list[Trace], limit: float) -> int:
@@ -141,10 +131,8 @@ def _tips(traces: Sequence[Trace], limit: float) -> dict[str, list[str]]:
             turned = ", ".join(
                 f"{n} {plain_number(v[row], 'deg')}°" for n, v in trace.run.commands.items() if n in "ABC"
             )
-            left = f"{trace.label} {with_unit(trace.residual[row], trace.unit)}"
-            said.append(
-                f"{short(trace.run.id)}, pose {row + 1} (line {row + FIRST_LINE}): {turned}{': ' if turned else ''}{left}"
-            )
+            pose, left = trace.said(row)
+            said.append(f"{pose}: {turned}{': ' if turned else ''}{left}")
         found[_name(trace)] = said
     return found
 

@@ -12,14 +12,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from symfive.arrays import Array, Flags, Indices
-from symfive.campaign import Campaign, Run
+from symfive.campaign import FIRST_LINE, Campaign, Run
 from symfive.disk import release
 from symfive.errors import InputError
 from symfive.identify import Identification
 from symfive.inference import Noise
 from symfive.instruments import fitted_parts
 from symfive.machine import Axis, Machine
-from symfive.report._style import label_of
+from symfive.numbers import with_unit
+from symfive.report._style import label_of, robust_limit, short
 
 BLOCKS = 1 << 14
 """A recording of more than twice as many rows is drawn by this many blocks: ten to a pixel of a wide figure."""
@@ -87,10 +88,21 @@ class Trace:
         """The column without its unit."""
         return label_of(self.column)
 
+    def said(self, row: int) -> tuple[str, str]:
+        """Run and pose of a row, with the line of the file, and its residual, in words."""
+        pose = f"{short(self.run.id)}, pose {row + 1} (line {row + FIRST_LINE})"
+        return pose, f"{self.label} {with_unit(self.residual[row], self.unit)}"
+
     @property
     def kept(self) -> Array:
         """The residual with NaN in place of outliers."""
         return np.where(self.outlier, np.nan, self.residual)
+
+
+def limit_of(traces: Sequence[Trace]) -> float:
+    """How far the panel of some traces reaches."""
+    values = np.concatenate([value for trace in traces for value in (trace.low, trace.high)])
+    return robust_limit(values, 4.0 * max(trace.noise.declared for trace in traces))
 
 
 def chosen_runs(campaign: Campaign, runs: str | Iterable[str] | None) -> tuple[Run, ...]:
