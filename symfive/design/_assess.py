@@ -20,7 +20,7 @@ from symfive.effects import Effect
 from symfive.errors import InputError
 from symfive.given import campaign_given
 from symfive.inference import Confounding, Noise, Whitening, confounded_combinations, data_rank, windows_of
-from symfive.instruments import instruments_of
+from symfive.instruments import fitted_parts
 from symfive.machine import Machine
 from symfive.model import Model
 from symfive.numbers import plain_number, unit_words
@@ -182,9 +182,9 @@ def _whitened(
 ) -> Iterator[tuple[slice, Indices, Array]]:  # fmt: skip
     """A run by windows: which rows, which parameters (c,) they depend on, and the sensitivities over the noise (n, ny, c), the
     declared white one or, of a recording, `noise`."""
-    names = [i.name for i in instruments_of(run) for _ in i.columns(run, model.machine)]
-    driven = "encoder" in run.instrument and run.options.get("motion_from") == "encoder"
-    weights = np.array([not (driven and name == "encoder") for name in names]) / model.noise(run)
+    weights = np.zeros(len(model.columns(run)))
+    for _, part in fitted_parts(run, model.machine):
+        weights[part] = 1.0 / model.noise(run)[part]
     correlated = noise if noise is not None and run.dynamic else Noise(1.0)
     white, whitening = correlated.white, Whitening(correlated, run.interval)
     for window in windows_of(model, run, model.start, margins):
