@@ -46,14 +46,13 @@ SMALLEST_GAP = 1e-3
 
 @dataclass(frozen=True, kw_only=True)
 class CircleShape:
-    """Shape of a circle: `family`; `direction` ccw, cw or both; `plane` of a planar circle; `instrument`; and the `values`
-    of the family's variables (mm, mm/min)."""
+    """Shape of a circle: `family`; `direction` ccw, cw or both; `plane` of a planar circle; and the `values` of the
+    family's variables (mm, mm/min)."""
 
     family: str
     values: Mapping[str, float]
     direction: str = "both"
     plane: str = "XY"
-    instrument: str = "ball_bar"
 
     @property
     def vector(self) -> Array:
@@ -76,7 +75,7 @@ def circle_runs(machine: Machine, shape: CircleShape, *, noise_um: float, rate_h
         )  # fmt: skip
     else:
         runs = planar_circle(
-            machine, plane=shape.plane, instrument=shape.instrument, radius=v["radius"], feed=v["feed"],
+            machine, plane=shape.plane, radius=v["radius"], feed=v["feed"],
             centre=(v["x"], v["y"], v["z"]), direction=shape.direction, sweep_deg=360.0, rate_hz=rate_hz, noise_um=noise_um,
         )  # fmt: skip
     for run in runs:
