@@ -143,7 +143,7 @@ from symfive.separated import SMALLEST
 @cli.gathered("radii", "sphere_radius", "tip_radius")
 @cli.gathered("motion", "in_motion", "speeds", "coloured_um", "correlation_s")
 @cli.gathered("part_options", "part_tool", "part_zero", "part_tool_centre", "part_datum")
-@cli.gathered("sigmas", "tool_ball_sigma", "tool_length_sigma", "table_ball_sigma", "zero_sigma", "length_sigma")
+@cli.gathered("sigmas", *words.SIGMAS)
 @cli.gathered(
     "programs", "tool_centre", "tool_number", "tool_centre_on", "tool_centre_off", "reversed_axes", "machine_top", "dwell_s",
     "at_pose", "trigger", "probe_on", "probe_off", "probe_tool",
