@@ -6,8 +6,6 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Self
 
-import numpy as np
-
 from symfive.effects._form import READING, TOOL, Forms
 from symfive.effects._periodic import Tonal
 from symfive.effects._quantity import Covariance, Quantity, Values
@@ -78,13 +76,7 @@ class Vibration(Tonal):
         """Of the structure, and of a bar or a nest that turns as it reads: what stands reads both alike."""
         runs = [run for run in campaign.runs if run.dynamic]
         yield from cls.tones(runs, TOOL)
-        rotary = campaign.machine.rotary_axes
-        turning = [
-            run
-            for run in runs
-            if "ball_bar" in run.instrument
-            or ("r_test" in run.instrument and any(np.ptp(run.commands[axis]) > 0.0 for axis in rotary))
-        ]
+        turning = [run for run in runs if any(i.turns(run, campaign.machine) for i in instruments_of(run))]
         if columns_read(campaign, turning):
             yield from cls.tones(turning, READING, place="reading")
 

@@ -90,6 +90,10 @@ class Instrument:
         """Whether its readings may be set to zero at any pose, because the zero is an unknown of the run."""
         return True
 
+    def turns(self, run: Run, machine: Machine) -> bool:
+        """Whether what it reads along turns against the structure within a run."""
+        return False
+
     def undetermined(self, run: Run, machine: Machine) -> Flags:
         """Rows (N,) of which no parameter determines the readings, so that these count nowhere."""
         return np.zeros(run.rows, dtype=bool)

@@ -48,6 +48,9 @@ class BallBar(BallInstrument):
     def constants(self, run: Run, machine: Machine) -> Mapping[str, float]:
         return {**super().constants(run, machine), "length": float(run.length or 0.0)}
 
+    def turns(self, run: Run, machine: Machine) -> bool:
+        return True
+
     def designed(self, run: Run, away: Array) -> Array:
         return np.asarray(np.linalg.norm(away, axis=1, keepdims=True) - (run.length or 0.0))
 

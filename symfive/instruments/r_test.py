@@ -64,6 +64,9 @@ class RTest(BallInstrument):
         sigma = run.setup_sigma_um
         return sigma.table_ball if _in_head(run) else sigma.zero
 
+    def turns(self, run: Run, machine: Machine) -> bool:
+        return any(np.ptp(run.commands[axis]) > 0.0 for axis in machine.rotary_axes)
+
     def designed(self, run: Run, away: Array) -> Array:
         along = np.array(list(self._sensors(run).values()))
         return np.asarray(away @ (along / np.linalg.norm(along, axis=1, keepdims=True)).T)
