@@ -8,7 +8,6 @@ bar that knows its length alone. 4 Its software's export, angle and deviation, i
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,11 +23,11 @@ from symfive.errors import InputError
 from symfive.importers import polar_run, read_polar
 from symfive.machine import Machine, preset
 from symfive.nc import Post, top_of
-from symfive.outputs import output_folder, write_json
+from symfive.outputs import write_json
 from symfive.procedures import FEED_IN_MM, campaign_of
 
 from ..linuxcnc_loop.configuration import SERVO_S
-from ..linuxcnc_loop.controller import Controller, Recording, require_linuxcnc, setp_lines
+from ..linuxcnc_loop.controller import Controller, Recording, run_story, say, setp_lines
 from .plant import Axis, Bar, exported, length_um
 
 Array = NDArray[np.float64]
@@ -157,11 +156,6 @@ def _imported(machine: Machine, run: Run, reading: Array, path: Path, noise_um: 
     )
 
 
-def say(text: str) -> None:
-    """One line, at once."""
-    print(text, flush=True)
-
-
 def lines_of(found: Found) -> list[str]:
     """The result in words."""
     lines = [f.says for f in found.diagnosis.findings]
@@ -181,16 +175,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--noise", type=float, default=0.3, metavar="UM", help="1σ of one reading, µm")
     parser.add_argument("--seed", type=int, default=1, metavar="S", help="decides the noise")
     options = parser.parse_args(arguments)
-    try:
-        require_linuxcnc()
-        with output_folder(options.output, overwrite=True) as folder:
-            found = close_the_loop(
-                "three-axis", folder, play=dict(zip("XY", options.play, strict=True)), coulomb=options.friction,
-                noise_um=options.noise, seed=options.seed,
-            )  # fmt: skip
-            write_json(folder / "result.json", found.to_data())
-            say("\n".join(lines_of(found)))
-    except InputError as error:
-        print(error, file=sys.stderr)
-        return 2
-    return 0
+    play = dict(zip("XY", options.play, strict=True))
+    asked = {"play": play, "coulomb": options.friction, "noise_um": options.noise, "seed": options.seed}
+    return run_story(options.output, lambda folder: close_the_loop("three-axis", folder, **asked), lines_of)

@@ -7,11 +7,13 @@ import os
 import shutil
 import signal
 import subprocess
+import sys
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +22,7 @@ from symfive.codegen import codegen
 from symfive.errors import InputError
 from symfive.machine import Machine
 from symfive.model import FittedModel
+from symfive.outputs import output_folder, write_json
 
 from .configuration import hal_text, ini_text, joint_letters
 
@@ -34,6 +37,25 @@ NOBODY = "65534"
 """LinuxCNC started by root drops to this user."""
 PROGRAM_SECONDS = 900.0
 STOP_SECONDS = 30.0
+
+
+def say(text: str) -> None:
+    """One line, at once."""
+    print(text, flush=True)
+
+
+def run_story(output: Path, story: Callable[[Path], Any], lines_of: Callable[[Any], list[str]]) -> int:
+    """Runs a story into a folder and says its result; 0 done, 2 where the user has to do something first."""
+    try:
+        require_linuxcnc()
+        with output_folder(output, overwrite=True) as folder:
+            found = story(folder)
+            write_json(folder / "result.json", found.to_data())
+            say("\n".join(lines_of(found)))
+    except InputError as error:
+        print(error, file=sys.stderr)
+        return 2
+    return 0
 
 
 @dataclass(frozen=True)

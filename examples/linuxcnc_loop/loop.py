@@ -26,7 +26,7 @@ from symfive.nc import Post
 from symfive.outputs import output_folder, write_json
 
 from .baseline import with_error_motions
-from .controller import Controller, require_linuxcnc, setp_lines
+from .controller import Controller, require_linuxcnc, say, setp_lines
 from .deviation import measured_deviation, rest_of, true_deviation, true_geometry, true_with_offset
 from .poses import held_out_run, joints_at_poses, plant_run, programme
 from .result import Loop, Passage
@@ -130,10 +130,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 own = folder / name
                 loop = close_the_loop(
                     name, own, points=options.points, held_out=options.held_out, noise_um=options.noise,
-                    seed=options.seed, drift_um=options.drift, say=_say,
+                    seed=options.seed, drift_um=options.drift, say=say,
                 )  # fmt: skip
                 write_loop(loop, own)
-                _say("\n".join(lines_of_loop(loop)))
+                say("\n".join(lines_of_loop(loop)))
                 loops.append(loop)
             write_summary(loops, folder)
     except InputError as error:
@@ -141,7 +141,3 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 2
     print(f"Figures, data and tables: {options.output.resolve()}")
     return 0
-
-
-def _say(text: str) -> None:
-    print(text, flush=True)

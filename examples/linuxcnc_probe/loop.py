@@ -9,7 +9,6 @@ tool-centre point control: the sphere's centre would stand still if nothing were
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -26,11 +25,11 @@ from symfive.importers.touch_log import fitted_centres, probed_run, read_touches
 from symfive.machine import Machine, machine_to_data, preset
 from symfive.model import write_model
 from symfive.nc import Post, Probing, program, top_of
-from symfive.outputs import output_folder, write_json
+from symfive.outputs import write_json
 from symfive.procedures import Nominal
 
 from ..linuxcnc_loop.configuration import SERVO_S, TCP_OFF, tcp_on
-from ..linuxcnc_loop.controller import Controller, Recording, require_linuxcnc, setp_lines
+from ..linuxcnc_loop.controller import Controller, Recording, run_story, say, setp_lines
 from .sphere import component_text, hal_lines, installed
 
 Array = NDArray[np.float64]
@@ -167,11 +166,6 @@ def _about_mean(places: Array) -> Array:
     return np.asarray(1e3 * (places - places.mean(axis=0)))
 
 
-def say(text: str) -> None:
-    """One line, at once."""
-    print(text, flush=True)
-
-
 def lines_of(probed: Probed) -> list[str]:
     """The result in words."""
     found, lines = probed.identification, []
@@ -196,13 +190,5 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--noise", type=float, default=0.3, metavar="UM", help="1σ of one touch, µm")
     parser.add_argument("--seed", type=int, default=1, metavar="S", help="decides the true machine and all noise")
     options = parser.parse_args(arguments)
-    try:
-        require_linuxcnc()
-        with output_folder(options.output, overwrite=True) as folder:
-            probed = close_the_loop("table-bc", folder, poses=options.poses, noise_um=options.noise, seed=options.seed)
-            write_json(folder / "result.json", probed.to_data())
-            say("\n".join(lines_of(probed)))
-    except InputError as error:
-        print(error, file=sys.stderr)
-        return 2
-    return 0
+    asked = {"poses": options.poses, "noise_um": options.noise, "seed": options.seed}
+    return run_story(options.output, lambda folder: close_the_loop("table-bc", folder, **asked), lines_of)
