@@ -88,11 +88,11 @@ def probe(
     """One start of the control: touches by row, and how long the program took, s. `centred`: under tool-centre point control."""
     log = control.folder / f"{run.id}-touches.txt"
     log.unlink(missing_ok=True)
-    own = replace(
-        post, tool_centre_on=tcp_on(-run.tool_ball[2]) if centred else "", tool_centre_off=TCP_OFF,
-        machine_top=top_of(control.machine),
-    )  # fmt: skip
+    own = replace(post, machine_top=top_of(control.machine))
+    if centred:
+        own = replace(own, tool_centre_on=tcp_on(-run.tool_ball[2]), tool_centre_off=TCP_OFF)
     text = program(control.machine, run, "linuxcnc", own, replace(PROBING, log=str(log)))
+    text = text if centred else f"{TCP_OFF}\n{text}"  # the control starts with it on
     joints = len(control.letters)
     recording = _run_through(control, run.id, text, [*setp, *hal_lines(joints)])
     moving = np.flatnonzero(recording.line)
