@@ -28,14 +28,12 @@ from symfive.posterior._fit import (
 from symfive.posterior._moments import Moments, moments_of
 from symfive.posterior._noise import grams, nodes_of
 from symfive.posterior._polish import expanded, polish
-from symfive.posterior._priors import log_priors, widened
 from symfive.posterior._sweep import WIDTHS, Sweep, log_width, nearest_width, widths_of
 from symfive.posterior._terms import EXPECTED, Candidates, Name, Term, candidates, name_of
 
 __all__ = [
     "EXPECTED", "SAME", "WHITE", "WIDTHS", "Candidates", "Expansion", "Moments", "Name", "Posterior", "Subset", "Sweep", "Term",
     "Verdict", "baseline", "candidates", "coarsened", "contradicted", "decide", "expanded", "explore", "fitted", "grams",
-    "laws_apart", "linear_estimate", "log_evidence", "log_priors", "log_width", "misfit", "moments_about", "moments_of",
-    "name_of", "nearest_width", "nodes_of", "over_all", "polish", "refitted", "sigmas_from_nothing", "solution", "verdicts_on",
-    "widened", "widths_of",
+    "laws_apart", "linear_estimate", "log_evidence", "log_width", "misfit", "moments_about", "moments_of", "name_of",
+    "nearest_width", "nodes_of", "over_all", "polish", "refitted", "sigmas_from_nothing", "solution", "verdicts_on", "widths_of",
 ]  # fmt: skip

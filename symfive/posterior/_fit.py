@@ -20,8 +20,7 @@ from symfive.posterior._noise import Node
 from symfive.threads import one_thread
 
 __all__ = [
-    "WHITE", "Expansion", "baseline", "expansion", "fitted", "linear_estimate", "over_all", "refitted",
-    "rescaled", "settled",
+    "WHITE", "Expansion", "baseline", "expansion", "fitted", "linear_estimate", "over_all", "refitted", "settled",
 ]  # fmt: skip
 
 TOLERANCE = 1e-2
@@ -142,11 +141,6 @@ def settled(here: Expansion, discrepancies: Sequence[Form] = ()) -> Expansion:
 def over_all(here: Expansion, campaign: Campaign) -> Expansion:
     """The same effects identified from a campaign of which the fit's is some rows, under the same noise."""
     return _identified(here, campaign, here.held, here.discrepancies)
-
-
-def rescaled(here: Expansion, campaign: Campaign) -> Expansion:
-    """The same fit with the priors of a campaign that has others, noise and excluded outliers unchanged."""
-    return _identified(here, campaign, here.held, here.discrepancies, here.fit)
 
 
 def _identified(

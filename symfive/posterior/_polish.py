@@ -17,10 +17,9 @@ from symfive.model import Model
 from symfive.posterior._about import moments_about
 from symfive.posterior._evidence import SHARE, log_evidence
 from symfive.posterior._explore import Posterior, Subset, explore, held_by, log_prior, marginal_evidence
-from symfive.posterior._fit import WHITE, Expansion, expansion, fitted, over_all, refitted, rescaled, settled
+from symfive.posterior._fit import WHITE, Expansion, expansion, fitted, refitted, settled
 from symfive.posterior._isolated import log_chance, odd_readings
 from symfive.posterior._moments import Moments, moments_of
-from symfive.posterior._priors import log_priors, widened
 from symfive.posterior._terms import Candidates, Name
 
 __all__ = ["Expansion", "expanded", "polish"]
@@ -68,10 +67,7 @@ def polish(
     forms = [moments.terms[number].form for number, _ in blocks]
     beside = [replace(f, effect=replace(f.effect, spread=size)) for f, (_, size) in zip(forms, blocks, strict=True)]
     here = _with_others(now.here, now.mass - log_prior(moments, held), candidates)
-    last, stated = settled(here, beside), candidates.campaign
-    if last.fit.model.campaign is not stated:  # how far an error is from what is stated of it the result has to say
-        last = over_all(last, stated)
-    return now.posterior.corrected(now.exactly | {held: now.mass}), replace(last, others=here.others)
+    return now.posterior.corrected(now.exactly | {held: now.mass}), replace(settled(here, beside), others=here.others)
 
 
 def _first(before: Identification, candidates: Candidates, progress: Progress) -> _Round:
@@ -136,7 +132,7 @@ def _best(now: _Round, been: Mapping[Keys, _Round]) -> _Round:
     best = max((now, *been.values()), key=lambda each: each.whole)
     for keys, (_, subset) in best.leads.items():
         if keys in been:
-            best.exactly[subset] = been[keys].whole - best.widths - log_chance(best.here.fit, best.here.kappa2)
+            best.exactly[subset] = been[keys].whole - log_chance(best.here.fit, best.here.kappa2)
     return best
 
 
@@ -158,18 +154,8 @@ class _Round:
 
     @classmethod
     def at(cls, here: Expansion, candidates: Candidates, progress: Progress, *, named: bool = True) -> _Round:
-        """About a fit, or about the same with priors as wide as it has them, whichever promises more: where something is missing,
-        errors may be far off in its place. The moments hold all that may join."""
+        """About a fit; the moments hold all that may join."""
         progress(f"linearised about {_words(here) or 'the baseline'}")
-        now, campaign = cls._about(here, candidates, progress, named), widened(here.fit, candidates.campaign)
-        if campaign is here.fit.model.campaign:
-            return now
-        progress("with wider priors of geometry and set-up")
-        other = cls._about(rescaled(here, campaign), candidates, progress, named)
-        return max((now, other), key=cls.promise)
-
-    @classmethod
-    def _about(cls, here: Expansion, candidates: Candidates, progress: Progress, named: bool) -> _Round:
         here, evidence = expanded(here.fit, [_classified(form, here.fit) for form in here.held], candidates)
         moments = moments_about(here, candidates)
         posterior = explore(moments, range(moments.held), named=named)
@@ -182,20 +168,14 @@ class _Round:
         return replace(self, posterior=explore(moments, range(moments.held)), named=False)
 
     @cached_property
-    def widths(self) -> float:
-        """Log prior probability of how wide its priors are."""
-        return log_priors(self.here.fit.model.campaign, self.candidates.campaign)
-
-    @cached_property
     def whole(self) -> float:
-        """Log mass of what it holds, of how wide its priors are and of the readings that the fit excludes."""
-        return self.mass + self.widths + log_chance(self.here.fit, self.here.kappa2)
+        """Log mass of what it holds and of the readings that the fit excludes."""
+        return self.mass + log_chance(self.here.fit, self.here.kappa2)
 
     def promise(self) -> float:
-        """Log mass of the most probable subset, of how wide the priors are and of the readings that the fit excludes."""
+        """Log mass of the most probable subset and of the readings that the fit excludes."""
         best = self.posterior.best
-        chance = log_chance(self.here.fit, log_evidence(self.posterior.moments, best).kappa2)
-        return self.posterior.mass[best] + self.widths + chance
+        return self.posterior.mass[best] + log_chance(self.here.fit, log_evidence(self.posterior.moments, best).kappa2)
 
     def exact(self, subset: Subset) -> tuple[float, Expansion]:
         """By how many nats an exact refit of a subset, in its best shapes, is better than what the expansion holds, and that

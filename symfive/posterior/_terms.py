@@ -30,9 +30,8 @@ UNIDENTIFIED = float(np.exp(-5.0))
 @dataclass(frozen=True)
 class Candidates:
     """All that may be missing in a campaign: `forms` at known places, and `scans` for those that have to be placed; `vary`:
-    whether what is found may not be the same everywhere. `campaign` states the priors of geometry and set-up."""
+    whether what is found may not be the same everywhere."""
 
-    campaign: Campaign
     forms: tuple[Form, ...]
     scans: tuple[Scan | Tone, ...]
     vary: bool = True
@@ -87,7 +86,7 @@ def candidates(campaign: Campaign, exclude: Collection[str] = ()) -> Candidates:
     scans = [
         replace(d, courses=cache(d.courses)) if isinstance(d, Scan) else d for d in stated if not isinstance(d, Form)
     ]
-    return Candidates(campaign, joinable(campaign, forms), tuple(scans), Varying.id not in exclude)
+    return Candidates(joinable(campaign, forms), tuple(scans), Varying.id not in exclude)
 
 
 def variations_of(held: Sequence[Form], campaign: Campaign) -> list[Form]:
