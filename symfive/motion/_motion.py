@@ -207,7 +207,9 @@ class RunMotion:
         if self._has_loop(axis):
             return self._driven(axis, command)
         ahead = self._earlier(command)
-        return AxisMotion(ahead, *self._derivatives(self._lagged(axis, ahead)))
+        position = self._lagged(axis, ahead)
+        slopes = self._of_the_curve(position) if is_curved(self.run) else self._from_row_to_row(position)
+        return AxisMotion(ahead, position, *slopes)
 
     def _has_loop(self, axis: Axis) -> bool:
         """Whether an axis moves as the loop of a drive, stated in the machine file or, with a lag, made up by parameters."""
@@ -240,17 +242,23 @@ class RunMotion:
         position, late = follow(command.value)
         return Series(position, {n: follow(slope)[0] for n, slope in command.tangents.items()} | {name: late})
 
-    def _derivatives(self, position: Series) -> tuple[Series, Series, Series]:
-        """Position, velocity and acceleration: of the curve between the rows, or from row to row."""
-        if not is_curved(self.run):
-            velocity = position.through(self._rate)
-            return position, velocity, velocity.through(self._rate)
+    def _of_the_curve(self, position: Series) -> tuple[Series, Series]:
+        """Velocity and acceleration of the curve between the rows."""
         from scipy.interpolate import CubicSpline
 
-        def slope(order: int) -> Series:
-            return position.through(lambda c: np.asarray(CubicSpline(self.run.time, c)(self.run.time, order)))
+        time = self.run.time
+        curve = CubicSpline(time, np.column_stack([position.value, *position.tangents.values()]))
 
-        return position, slope(1), slope(2)
+        def slope(order: int) -> Series:
+            value, *tangents = curve(time, order).T
+            return Series(value, dict(zip(position.tangents, tangents, strict=True)))
+
+        return slope(1), slope(2)
+
+    def _from_row_to_row(self, position: Series) -> tuple[Series, Series]:
+        """Velocity and acceleration as differences of the rows."""
+        velocity = position.through(self._rate)
+        return velocity, velocity.through(self._rate)
 
     def _rate(self, column: Array) -> Array:
         return np.asarray(np.gradient(column, self.run.time))
@@ -268,7 +276,7 @@ class RunMotion:
         span = float(self.run.options.get("smoothing_s", SMOOTHING_S))
         window = min(2 * round(span / self.run.interval / 2) + 1, (self.run.rows - 1) // 2 * 2 + 1)
         if window < 5:
-            return AxisMotion(command, *self._derivatives(measured))
+            return AxisMotion(command, measured, *self._from_row_to_row(measured))
         from scipy.signal import savgol_filter
 
         def smooth(order: int) -> Series:
