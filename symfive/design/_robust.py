@@ -44,9 +44,10 @@ def survive_a_lost_pose(space: Space, task: Task, rows: Rows, candidates: Candid
         lost = layout.embed(current.rows, current.group)[worst]
         pull = task.pull(inverse(information - lost @ lost.T))
         seen = np.einsum("npy,pq,nqy->n", whole, pull, whole, optimize=True)
+        weakest = np.argsort(_each_lost(task, current.rows, current.group, rows.groups))[:WEAKEST]
         best: Candidates | None = None
         for entering in np.argsort(seen)[::-1][:SHORTLIST]:
-            for leaving in np.argsort(_each_lost(task, current.rows, current.group, rows.groups))[:WEAKEST]:
+            for leaving in weakest:
                 trial = _swapped(current, candidates, int(entering), int(leaving))
                 reached, place = lost_pose(task, trial.rows, trial.group, rows.groups)
                 if reached < value - 1e-9:
