@@ -13,6 +13,7 @@ from symfive.errors import InputError
 from symfive.machine import Machine, error_names, machine_problems, unknown_keys
 from symfive.screen import OnScreen, plural
 from symfive.toml_files import read_toml
+from symfive.validation import unknown_notes
 
 __all__ = ["SCHEMA", "Check", "check"]
 
@@ -89,7 +90,7 @@ def check(path: Path | str) -> Check:
         found = _effect_problems(machine, runs, path)
     named = {".".join(map(str, problem.keys)) for problem in found}
     unknown = [key for key in unknown_keys(machine) if key not in named] if machine else []
-    notes = tuple(f'key "{key}" is unknown to symfive; it is kept' for key in unknown)
+    notes = tuple(unknown_notes(unknown))
     if machine is not None and runs and not found:
         from symfive.plausible import doubts
 

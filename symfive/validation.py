@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from types import MappingProxyType
 from typing import Any, TypeGuard
 
@@ -71,6 +71,11 @@ def only(owner: str, table: Mapping[str, object], keys: tuple[str, ...]) -> None
             remedy=f"give {named}",
             keys=(key,) if key in table else (),
         )
+
+
+def unknown_notes(keys: Iterable[str], of: str = "") -> list[str]:
+    """What is said of keys that symfive does not know, `of` a file or a run."""
+    return [f'key "{key}"{of and f" of {of}"} is unknown to symfive; it is kept' for key in keys]
 
 
 def as_tuples(value: Any) -> Any:

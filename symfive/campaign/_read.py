@@ -18,7 +18,7 @@ from symfive.machine import Machine, machine_problems, read_machine, refuse_slip
 from symfive.outputs import output_folder, write_text
 from symfive.runs import OPTIONS, Campaign, Run, SetupSigma
 from symfive.toml_files import TomlFile, parse_toml, read_toml, rewritten_toml
-from symfive.validation import as_tuples
+from symfive.validation import as_tuples, unknown_notes
 
 SCHEMA = "symfive.campaign/1"
 _TOP = ("schema", "machine", "run", "name")
@@ -39,8 +39,7 @@ def read_campaign(path: Path | str) -> Campaign:
     machine = read_machine(folder / machine_file)
     drafts = _drafts(file, machine)
     extra = {key: value for key, value in data.items() if key not in _TOP}
-    notes = [f'key "{key}" of {machine_file} is unknown to symfive; it is kept' for key in unknown_keys(machine)]
-    notes += [f'key "{key}" of campaign.toml is unknown to symfive; it is kept' for key in extra]
+    notes = unknown_notes(unknown_keys(machine), machine_file) + unknown_notes(extra, "campaign.toml")
     for draft, block in zip(drafts, data["run"], strict=True):
         notes += _run_notes(draft, block, machine)
 
@@ -88,8 +87,7 @@ def _machine_file(file: TomlFile) -> str:
 
 
 def _run_notes(run: Run, block: Mapping[str, Any], machine: Machine) -> list[str]:
-    unknown = [key for key in run.options if key not in OPTIONS]
-    notes = [f'key "{key}" of run {run.id} is unknown to symfive; it is kept' for key in unknown]
+    notes = unknown_notes((key for key in run.options if key not in OPTIONS), f"run {run.id}")
     if "setup_sigma_um" not in block and _counts_on_setup(run, machine):
         notes.append(f"run {run.id} declares no setup_sigma_um; 20 µm per ball and 0.5 µm of length are assumed")
     return notes

@@ -163,11 +163,12 @@ def plan(
     from symfive.given import machine_given
     from symfive.machine import unknown_keys
     from symfive.nc import Post, can_write, check_addresses
+    from symfive.validation import unknown_notes
 
     dialects = cli.dialects_of(nc)
     with output_folder(output, overwrite=overwrite) as folder:
         data = machine_given(machine)
-        cli.noted((f'key "{key}" of {machine} is unknown to symfive; it is kept' for key in unknown_keys(data)), quiet)
+        cli.noted(unknown_notes(unknown_keys(data), machine), quiet)
         own = {name: mm for name, mm in radii.items() if mm is not None}
         data = replace(data, workspace=replace(data.workspace, **own))
         try:
