@@ -191,7 +191,7 @@ def _shares(
     here: Expansion, before: Identification, causes: Sequence[frozenset[str]]
 ) -> dict[frozenset[str], tuple[float, Identification]]:
     """Cause (keys of its effects) → share of the deviation's mean square that it explains, and the fit without it; all else
-    identified anew.
+    refitted.
 
     The causes join one after the other, that which explains most by itself first: the shares add up to what all explain
     together. What geometry and set-up explain without any of them, under the noise of the final fit, is not theirs.

@@ -148,7 +148,7 @@ def withdraw(
     here: Expansion, before: Identification, campaign: Campaign, split: Split
 ) -> tuple[Expansion, tuple[Withdrawn, ...]]:
     """The fit without the effects, and discrepancies, that make the held-out part of the campaign worse, one after the other, the
-    worst first; all else is identified anew each time, and what is nothing then is withdrawn too. What remains predicts it no
+    worst first; all else is refitted each time, and what is nothing then is withdrawn too. What remains predicts it no
     worse than the baseline `before`, which is all that remains if need be. Raises `InputError` where no held-out reading has the
     unit of the fit's."""
     unit, gone = here.fit.file_unit, list[Withdrawn]()

@@ -291,7 +291,7 @@ class Diagnosis(OnScreen):
 
     @property
     def geometry_share(self) -> float:
-        """The share of the deviation's mean square that no finding explains but geometry and set-up, identified anew under
+        """The share of the deviation's mean square that no finding explains but geometry and set-up, refitted under
         the smaller noise."""
         if not self.findings:
             return 0.0
