@@ -10,7 +10,7 @@ import numpy as np
 
 from symfive.effects._base import DRIVE, Effect
 from symfive.effects._form import Forms
-from symfive.effects._quantity import Covariance, Quantity, Values, own_quantity, propagated
+from symfive.effects._quantity import Covariance, Quantity, Values, determined, own_quantity, propagated
 from symfive.errors import InputError
 from symfive.motion import LAG
 from symfive.parameters import Parameter
@@ -91,9 +91,12 @@ class FollowingLag(Effect):
         return {(axis, gain): gain if self.axis else f"{gain}_{axis}" for axis, gain in places}
 
     def describe(self, campaign: Campaign, values: Values, covariance: Covariance) -> dict[str, Quantity]:
-        """The lag, and the position gain that has it."""
+        """The lag, the position gain that has it, and those gains of a loop that the readings determine."""
         lag, *inner = self.parameters(campaign)
-        found = {p.name.removeprefix(f"{self.key}."): own_quantity(p, values, covariance) for p in (lag, *inner)}
+        found = {
+            p.name.removeprefix(f"{self.key}."): own_quantity(p, values, covariance)
+            for p in (lag, *determined(inner, covariance))
+        }
         if values[lag.name] > 0.0:
             found["position_gain"] = propagated(lambda x: 1e3 / x[0], (lag.name,), "1/s", values, covariance)
         return found
