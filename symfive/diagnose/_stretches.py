@@ -39,7 +39,7 @@ def stretches_of(campaign: Campaign) -> tuple[Campaign, Mapping[str, Flags]]:
     Runs at rest, and those whose motion is what an encoder recorded, stay whole.
     """
     seen = {run.id: np.ones(run.rows, dtype=bool) for run in campaign.runs}
-    long = [run for run in campaign.runs if run.dynamic and run.options.get("motion_from") != "encoder"]
+    long = [run for run in campaign.runs if run.dynamic and not run.encoder_is_motion]
     every = sum(run.rows for run in long)
     if every <= LONG:
         return campaign, seen

@@ -65,7 +65,7 @@ class FollowingLag(Effect):
         return replace(prepared, axes=axes)
 
     def applies(self, run: Run) -> bool:
-        return super().applies(run) and run.options.get("motion_from") != "encoder"
+        return super().applies(run) and not run.encoder_is_motion
 
     @classmethod
     def candidates(cls, campaign: Campaign) -> Forms:

@@ -88,7 +88,7 @@ def fitted_parts(run: Run, machine: Machine) -> list[tuple[str, slice]]:
     for instrument in instruments_of(run):
         part = slice(first, first + len(instrument.columns(run, machine)))
         first = part.stop
-        if not (instrument.name == Encoder.name and run.options.get("motion_from") == Encoder.name):
+        if not (instrument.name == Encoder.name and run.encoder_is_motion):
             found.append((instrument.name, part))
     return found
 

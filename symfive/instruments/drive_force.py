@@ -91,7 +91,7 @@ def rest_speed(run: Run) -> float:
 def moved(run: Run, machine: Machine) -> Array:
     """Position (N,) of the driven axis, mm or degree: that of the encoder where the motion is taken from it."""
     axis = machine.axes[run.options["axis"]]
-    measured = run.readings.get(f"{axis.name}_act_{axis.unit}") if run.options.get("motion_from") == "encoder" else None
+    measured = run.readings.get(f"{axis.name}_act_{axis.unit}") if run.encoder_is_motion else None
     return run.commands[axis.name] if measured is None else measured
 
 
@@ -146,7 +146,7 @@ class DriveForce(Instrument):
         if unknown:
             problem = f"run {run.id}: force term {unknown[0]!r} is unknown"
             raise InputError(problem, remedy=f"use {', '.join(TERMS)}", keys=("force_terms",))
-        if "low_pass_hz" in run.options and run.options.get("motion_from") != "encoder":
+        if "low_pass_hz" in run.options and not run.encoder_is_motion:
             raise InputError(
                 f"run {run.id}: low_pass_hz filters a motion recorded by the encoder",
                 remedy='add motion_from = "encoder"',
@@ -205,7 +205,7 @@ class DriveForce(Instrument):
         are none of it."""
         axis = machine.axes[run.options["axis"]]
         position = run.readings.get(f"{axis.name}_act_{axis.unit}")
-        if run.options.get("motion_from") != "encoder" or position is None or run.rows < 3:
+        if not run.encoder_is_motion or position is None or run.rows < 3:
             return 0.0
         rows = np.append(0.0, np.cumsum(np.maximum(np.round(np.diff(run.time) / run.interval), 1.0)))
         even = rows * (run.time[-1] - run.time[0]) / rows[-1]

@@ -36,7 +36,7 @@ def is_curved(run: Run) -> bool:
 
 def is_told_by_rows(run: Run) -> bool:
     """Whether the axes follow a curve between the rows of a run, of which these are all that is known."""
-    return run.dynamic and is_curved(run) and not run.pieces and run.options.get("motion_from") != "encoder"
+    return run.dynamic and is_curved(run) and not run.pieces and not run.encoder_is_motion
 
 
 def thinned(run: Run, spacing: int) -> tuple[Run, ...]:

@@ -177,7 +177,7 @@ class RunMotion:
     def _whole(self) -> RunMotion | None:
         """The motion with the rows that the recorder lost, where there are any and the command tells what they were."""
         run = self.run
-        if not run.dynamic or run.options.get("motion_from") == "encoder" or len(run.steps) == run.steps[-1] + 1:
+        if not run.dynamic or run.encoder_is_motion or len(run.steps) == run.steps[-1] + 1:
             return None
         if run not in _PROGRAMMES:
             _PROGRAMMES[run] = programme_of(run)
@@ -267,7 +267,7 @@ class RunMotion:
         """The positions of an axis (mm, rad) where the run takes its motion from the encoder and that has recorded them."""
         axis = self.machine.axes[name]
         readings = self.run.readings.get(f"{name}_act_{axis.unit}")
-        if readings is None or self.run.options.get("motion_from") != "encoder":
+        if readings is None or not self.run.encoder_is_motion:
             return None
         return np.asarray(readings) * axis.to_internal
 

@@ -246,6 +246,11 @@ class Run(OnScreen):
         """Whether it was recorded when each row was read, and not only in what order."""
         return self.clock != "none"
 
+    @property
+    def encoder_is_motion(self) -> bool:
+        """Whether what its encoder read is taken as the motion of the axes, and not fitted."""
+        return self.options.get("motion_from") == "encoder"
+
     def noise(self, instrument: str) -> float:
         """1σ of the instrument's white noise in µm (or the unit of its columns)."""
         if isinstance(self.noise_um, (int, float)):
