@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -45,7 +44,11 @@ class Check(OnScreen):
             "schema": SCHEMA,
             "path": str(self.path),
             "machine": None if self.machine is None else _machine_data(self.machine),
-            "runs": [_run_data(run) for run in self.runs],
+            "runs": [
+                {"id": run.id, "rows": run.rows, "instrument": list(run.instrument), "sampling": run.sampling,
+                 "noise": {name: run.noise(name) for name in run.instrument}, "measured": run.measured}
+                for run in self.runs
+            ],
             "problems": [
                 {"problem": e.problem, "remedy": e.remedy, "file": None if e.path is None else str(e.path),
                  "line": e.line, "column": e.column, "keys": list(e.keys)}
@@ -161,9 +164,3 @@ def _machine_data(machine: Machine) -> dict[str, Any]:
         "errors": {t.name: {"sigma": t.sigma, "unit": t.unit} for t in machine.errors.values()},
         "errors_possible": error_names(machine.axes),
     }  # fmt: skip
-
-
-def _run_data(run: Run) -> dict[str, Any]:
-    instruments: Sequence[str] = run.instrument
-    return {"id": run.id, "rows": run.rows, "instrument": list(instruments), "sampling": run.sampling,
-            "noise": {name: run.noise(name) for name in instruments}, "measured": run.measured}  # fmt: skip

@@ -96,11 +96,6 @@ class CircleFinder:
         position = {name: machine.axes[name].to_internal * q[i] for i, name in enumerate(names)}
         self._ball: Any = ca.Function("ball", [q, ball], [ca.densify(ball_in_workpiece(machine, position, ball))])
 
-    def ball_path(self, run: Run) -> Array:
-        """The tool ball in the workpiece frame (N, 3) as commanded, mm."""
-        q = np.stack([run.commands[name] for name in self.machine.axis_names])
-        return np.asarray(self._ball.map(run.rows)(ca.DM(q), ca.DM(run.tool_ball))).T
-
     def find(self, run: Run) -> Circle | None:
         """The circle of a run of a ball bar or a grid encoder, None where it describes none.
 
@@ -110,7 +105,8 @@ class CircleFinder:
         if run.rows < 8 or not set(run.instrument) & set(INSTRUMENTS):
             return None
         name, columns = next(part for part in fitted_parts(run, self.machine) if part[0] in INSTRUMENTS)
-        ball = self.ball_path(run)
+        q = np.stack([run.commands[name] for name in self.machine.axis_names])
+        ball = np.asarray(self._ball.map(run.rows)(ca.DM(q), ca.DM(run.tool_ball))).T
         arm = ball - np.asarray(run.table_ball) if name == "ball_bar" else ball - _centre(ball)
         turned = _turned(arm)
         if turned is not None:

@@ -41,7 +41,9 @@ def read_campaign(path: Path | str) -> Campaign:
     extra = {key: value for key, value in data.items() if key not in _TOP}
     notes = unknown_notes(unknown_keys(machine), machine_file) + unknown_notes(extra, "campaign.toml")
     for draft, block in zip(drafts, data["run"], strict=True):
-        notes += _run_notes(draft, block, machine)
+        notes += unknown_notes((key for key in draft.options if key not in OPTIONS), f"run {draft.id}")
+        if "setup_sigma_um" not in block and _counts_on_setup(draft, machine):
+            notes.append(f"run {draft.id} declares no setup_sigma_um; 20 µm per ball and 0.5 µm of length are assumed")
 
     def build(runs: tuple[Run, ...]) -> Campaign:
         return Campaign(
@@ -84,13 +86,6 @@ def _machine_file(file: TomlFile) -> str:
             f"machine = {shown(name)} is not a file name", "machine", remedy='write machine = "machine.toml"'
         )
     return name
-
-
-def _run_notes(run: Run, block: Mapping[str, Any], machine: Machine) -> list[str]:
-    notes = unknown_notes((key for key in run.options if key not in OPTIONS), f"run {run.id}")
-    if "setup_sigma_um" not in block and _counts_on_setup(run, machine):
-        notes.append(f"run {run.id} declares no setup_sigma_um; 20 µm per ball and 0.5 µm of length are assumed")
-    return notes
 
 
 def _counts_on_setup(run: Run, machine: Machine) -> bool:

@@ -137,9 +137,10 @@ class Sources:
         if self.turning:
             both = {"first": self.turning[0], "second": self.turning[1], "solved": ", ".join(solved_axes(self.machine))}
             more += filled("orient.h", **both, **self.names) + filled("compensate_direction.h", **both, **self.names)
+        left_out = (f" *   left out     {_plain(key)}: {reason}\n" for key, reason in self.subject.left_out)
         return filled(
             "kinematics.h", more=more, axis_list=self._axis_list(), parameter_list=self._parameter_list(),
-            cost_list=self._cost_list(), left_out=self._left_out(), **self.names,
+            cost_list=self._cost_list(), left_out="".join(left_out), **self.names,
             values_from="identified" if self.subject.fitted else "prior means (nothing is identified yet)",
         )  # fmt: skip
 
@@ -243,9 +244,6 @@ class Sources:
         if self.solved:
             found += " *   An inverse takes 2 or 3 steps of (real_slope), one of (nominal_slope), and 1000 bytes beyond theirs.\n"
         return found
-
-    def _left_out(self) -> str:
-        return "".join(f" *   left out     {_plain(key)}: {reason}\n" for key, reason in self.subject.left_out)
 
 
 def _declared_first(lines: tuple[str, ...], unused: list[str]) -> list[str]:

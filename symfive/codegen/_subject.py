@@ -108,7 +108,9 @@ def subject_of(source: Machine | FittedModel | Path | str) -> Subject:
         "effects": [effect_to_data(effect) for effect in effects],
         "parameters": [[p.name, p.unit, value] for p, value in zip(parameters, values, strict=True)],
     }
-    text = json.dumps(content, sort_keys=True, default=_plain)
+    text = json.dumps(
+        content, sort_keys=True, default=lambda value: dict(value) if isinstance(value, Mapping) else str(value)
+    )
     return Subject(
         machine=machine, parameters=tuple(parameters), values=values, effects=tuple(effects), left_out=tuple(left_out),
         fitted=not isinstance(found, Machine),
@@ -125,10 +127,6 @@ def _covariance(model: FittedModel, parameters: Sequence[Parameter]) -> Array:
     rows = [places[parameters[i].name] for i in known]
     found[np.ix_(known, known)] = model.covariance[np.ix_(rows, rows)]
     return found
-
-
-def _plain(value: Any) -> Any:
-    return dict(value) if isinstance(value, Mapping) else str(value)
 
 
 def _two_rows(machine: Machine) -> Campaign:

@@ -124,7 +124,8 @@ class Mapped:
         first = 0
         while first < rows:
             if (library := self._state.library) is not None:
-                library(rows - first, self._from(given, first), [result[first:] for result in results])
+                rest = [value if i in self.held else value[first:] for i, value in enumerate(given)]
+                library(rows - first, rest, [result[first:] for result in results])
                 break
             last = min(rows, first + PIECE)
             cost = self._interpret(given, results, first, last)
@@ -140,9 +141,6 @@ class Mapped:
         if [value.shape for value in given] != wanted:
             raise ValueError(f"inputs of the shapes {[value.shape for value in given]}, not {wanted}")
         return given, rows
-
-    def _from(self, given: Sequence[Array], first: int) -> list[Array]:
-        return [value if i in self.held else value[first:] for i, value in enumerate(given)]
 
     # ---- by the interpreter
 

@@ -75,10 +75,6 @@ class Channel:
         """Linear interpolation; constant beyond the ends."""
         return np.interp(time, self.time, self.value)
 
-    def last_before(self, time: float) -> float:
-        """The value that held at a time (the first one before any)."""
-        return float(self.value[max(0, int(np.searchsorted(self.time, time, side="right")) - 1)])
-
     def mean(self, begin: float, end: float) -> float:
         """Mean of the values from `begin` to `end`; interpolated at `end` where there are none."""
         inside = (self.time >= begin) & (self.time <= end)

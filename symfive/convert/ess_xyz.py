@@ -123,7 +123,8 @@ def _stops(log: Log, axis: str) -> Run | None:
     stops.sort()
     laser, resolver = log.find("ILD_DownSample"), log.find("EL7201-PosAct")
     position = type(resolver)(resolver.time, _positions(log, axis))
-    target = np.array([command.last_before(t - 1e-3) for t in stops])
+    held = np.searchsorted(command.time, np.array(stops) - 1e-3, side="right") - 1  # the command before each
+    target = command.value[np.maximum(held, 0)]
     reading = np.array([laser.mean(t - REST_S, t) for t in stops])
     deviation = 1e3 * (_laser_sign(reading, target) * reading - target)
     return Run(

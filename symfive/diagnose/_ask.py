@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from symfive.campaign import Campaign
 from symfive.design import APART, Discrimination
 from symfive.diagnose._next_test import next_test
 from symfive.diagnose._stretches import LONG
@@ -26,20 +25,15 @@ def asked(posterior: Posterior, here: Expansion, verdict: Verdict) -> Discrimina
     rivals = _rivals(posterior, verdict)
     if own.unidentified or not rivals:
         return None
-    campaign = _shortened(here.fit.model.campaign)
+    campaign = here.fit.model.campaign  # of long recordings the first rows: no further test has to be as long
+    runs = (run.part(0, LONG) if run.dynamic and run.rows > LONG else run for run in campaign.runs)
     shared = {p.name for p in here.fit.parameters if not p.of_setup}
     values = {name: value for name, value in here.fit.named.items() if name in shared}
     held = tuple(effect for effect in here.fit.model.added if effect.key != own.key)
     return next_test(
-        campaign, own, *(effect for effect, _, _ in rivals), held=held, values=values,
+        replace(campaign, runs=tuple(runs)), own, *(effect for effect, _, _ in rivals), held=held, values=values,
         rival_values=[there for _, there, _ in rivals], chances=[chance for _, _, chance in rivals],
     )  # fmt: skip
-
-
-def _shortened(campaign: Campaign) -> Campaign:
-    """The campaign with the first rows of long recordings: no further test has to be as long."""
-    runs = (run.part(0, LONG) if run.dynamic and run.rows > LONG else run for run in campaign.runs)
-    return replace(campaign, runs=tuple(runs))
 
 
 def folder_of(key: str, test: Discrimination) -> str:

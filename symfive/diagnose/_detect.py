@@ -115,7 +115,8 @@ def detect(
         fit = identify(campaign, noise="repeats")
     grams, whitened = _grams(fit)
     found, comparisons = _disagreements(fit, grams)
-    tests = [*_lack_of_fit(fit, whitened), _whiteness(whitened), *_tensions(fit), *_agreement(found, comparisons)]
+    strained = [Test(f"tension, {t.kind}", t.statistic, t.dof, t.p, t.says) for t in tensions(fit)]
+    tests = [*_lack_of_fit(fit, whitened), _whiteness(whitened), *strained, *_agreement(found, comparisons)]
     limit = np.log(level)
     return Detection(fit, level, tuple(tests), tuple(d for d in found if d.log_p < limit))
 
@@ -202,10 +203,6 @@ def _whiteness(whitened: Mapping[str, Array]) -> Test:
         p,
         "The residual is correlated from row to row: the noise model does not explain it.",
     )
-
-
-def _tensions(fit: Identification) -> list[Test]:
-    return [Test(f"tension, {t.kind}", t.statistic, t.dof, t.p, t.says) for t in tensions(fit)]
 
 
 def _agreement(found: Sequence[Disagreement], comparisons: int) -> list[Test]:

@@ -77,7 +77,9 @@ def poses_figure(campaign: Campaign) -> str:
     nominal = Nominal(campaign.machine)
     poses = [_poses(nominal, run, max(MOST_POINTS // len(runs), 2)) for run in runs]
     radius = campaign.machine.workspace.table_radius
-    table = _circle(radius or 0.0) + np.array([*campaign.machine.table_centre, 0.0])
+    angle = np.linspace(0.0, 2.0 * np.pi, 61)
+    rim = (radius or 0.0) * np.stack([np.cos(angle), np.sin(angle), 0.0 * angle], axis=1)
+    table = rim + np.array([*campaign.machine.table_centre, 0.0])
     solid = np.concatenate([table, *(p.ball for p in poses), *(p.nest for p in poses)])
     size = float(np.ptp(solid, axis=0).max()) or 100.0
     corners = np.concatenate([solid, *(p.ball + 0.15 * size * p.up for p in poses)])
@@ -102,11 +104,6 @@ def _poses(nominal: Nominal, run: Run, most: int) -> _Poses:
     commands = {name: values[rows] for name, values in run.commands.items()}
     workpiece, tool = nominal.workpiece_rotation(commands), nominal.tool_rotation(commands)
     return _Poses(run, nominal.ball(commands, run.tool_ball), np.einsum("nji,nj->ni", workpiece, tool[:, :, 2]))
-
-
-def _circle(radius: float) -> Array:
-    angle = np.linspace(0.0, 2.0 * np.pi, 61)
-    return radius * np.stack([np.cos(angle), np.sin(angle), 0.0 * angle], axis=1)
 
 
 @dataclass(frozen=True)

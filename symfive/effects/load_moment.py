@@ -43,13 +43,10 @@ class LoadMoment(Effect):
 
     def prepare(self, campaign: Campaign) -> Self:
         prepared = super().prepare(campaign)
-        if not self._moved(campaign):
+        later = later_axes(campaign.machine, str(self.axis))
+        if not any(np.ptp(run.commands[name]) > 0.0 for run in campaign.runs for name in later):
             raise InputError(f"{self.key}: the axes that it carries do not move", remedy="name an axis before them")
         return prepared
-
-    def _moved(self, campaign: Campaign) -> bool:
-        later = later_axes(campaign.machine, str(self.axis))
-        return any(np.ptp(run.commands[name]) > 0.0 for run in campaign.runs for name in later)
 
     @classmethod
     def candidates(cls, campaign: Campaign) -> Forms:

@@ -206,18 +206,14 @@ class Unknown(Effect):
         order = (self.order,) * len(self.over) if isinstance(self.order, int) else self.order
         return _basis_over(self.over, kinds, travels, self._bases, order, self.knots)
 
-    @property
-    def _channels(self) -> str | tuple[str]:
-        """Its directions, or its place if not `structure`."""
-        return self.directions if self.place == "structure" else (self.place,)
-
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         names = self.functions(campaign.machine).names
         rotary = self._turns or (self.axis is not None and self.its_axis(campaign).rotary)
         unit, sigma = ("urad", 10.0 * self.sigma_um) if rotary else ("um", self.sigma_um)
         if self.place == "force":
             unit, sigma = "Nm" if rotary else "N", self.sigma_force
-        found = [self.own(f"{c}.{name}", unit, sigma * share_of(name)) for c in self._channels for name in names]
+        channels = self.directions if self.place == "structure" else (self.place,)
+        found = [self.own(f"{c}.{name}", unit, sigma * share_of(name)) for c in channels for name in names]
         if self.period_sigma:
             own = self._period_unit(campaign.machine)
             found.append(self.own("period", own, self.period_sigma, mean=self.period, lower=0.5 * self.period))

@@ -43,7 +43,8 @@ class Limits:
 @lru_cache(maxsize=4096)
 def _limits(chance: float, errors: int) -> Limits:
     step = -float(ndtri(chance / (4.0 * errors)))  # two sides, two visits
-    return Limits(step, chance, _ewma_limit(chance / errors))
+    limits, lengths = _run_lengths()  # the limit at which the chain passes once in errors/chance visits
+    return Limits(step, chance, float(np.interp(-np.log(chance / errors), lengths, limits)))
 
 
 def ewma_run_length(limit: float, weight: float = WEIGHT) -> float:
@@ -63,9 +64,3 @@ def ewma_run_length(limit: float, weight: float = WEIGHT) -> float:
 def _run_lengths() -> tuple[Array, Array]:
     limits = np.linspace(1.0, 7.0, 25)
     return limits, np.log([ewma_run_length(float(limit)) for limit in limits])
-
-
-def _ewma_limit(chance: float) -> float:
-    """The limit at which the chain passes once in 1/chance visits."""
-    limits, lengths = _run_lengths()
-    return float(np.interp(-np.log(chance), lengths, limits))

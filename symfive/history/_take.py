@@ -80,7 +80,8 @@ def taken(folder: Path, details: Details) -> Visit:
         nominal={name: (axis.origin if axis.rotary else None, axis.direction) for name, axis in machine.axes.items()},
         corrections=dict(details.corrections), stage=details.stage, instrument=details.instrument,
         operator=details.operator, temperature=details.temperature, note=details.note,
-        version=_version(manifest), manifest=hashlib.sha256(read_bytes(manifest)).hexdigest() if manifest.is_file() else "",
+        version=str(_table(manifest).get("version", "")) if manifest.is_file() else "",
+        manifest=hashlib.sha256(read_bytes(manifest)).hexdigest() if manifest.is_file() else "",
         findings=_findings(diagnosed or {}), diagnosed=diagnosed is not None, visibility=_visibility(diagnosed or {}),
         rms=float(identified.get("rms_um", 0.0)), rms_unit=next(iter(identified.get("rms", {"um": 0})), "um"),
         chi2_dof=float(identified.get("chi2_dof", 1.0)), converged=bool(identified.get("converged", True)),
@@ -154,10 +155,6 @@ def _digest(folder: Path) -> str:
         if (folder / name).is_file():
             digest.update(f"{name} {hashlib.sha256(read_bytes(folder / name)).hexdigest()}\n".encode())
     return digest.hexdigest()
-
-
-def _version(manifest: Path) -> str:
-    return str(_table(manifest).get("version", "")) if manifest.is_file() else ""
 
 
 def _findings(diagnosis: Mapping[str, Any]) -> tuple[Finding, ...]:

@@ -156,14 +156,11 @@ def _refuse_unreadable(path: Path, lines: list[str]) -> None:
     for number, line in enumerate(lines[:-1], start=1):
         for sign in signs_of(line):
             cells, below = _cells(line, sign), _cells(lines[number], sign)
-            if len(cells) == len(below) > 1 and all(_mostly_numbers(row, sign) for row in (cells, below)):
+            most = (2 * sum(_are_numbers([cell], sign) for cell in row) >= len(row) for row in (cells, below))
+            if len(cells) == len(below) > 1 and all(most):
                 with inside(path=path):
                     for cell in cells:
                         _number(cell, Marks(sign), number)
-
-
-def _mostly_numbers(cells: list[str], sign: str) -> bool:
-    return 2 * sum(_are_numbers([cell], sign) for cell in cells) >= len(cells)
 
 
 def _head(lines: list[str], sign: str, count: int) -> tuple[tuple[str, ...], tuple[str, ...]]:

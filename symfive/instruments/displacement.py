@@ -63,7 +63,8 @@ class Displacement(Instrument):
         for k in sorted(set(self._balls(run).values())):
             found += setup_vector(run, f"ball.s{k}", run.setup_sigma_um.table_ball)
         sigma = float(run.options.get("form_sigma_um", 100.0))
-        for target in self._targets(run):
+        seen = [sensor.get("target", "ball") for sensor in run.options["sensors"]]
+        for target in (t for t in ("rim", "face") if t in seen):
             for order in range(1, self._order(run) + 1):
                 found += [setup_parameter(run, f"form.{target}.{f}{order}", "um", sigma) for f in ("cos", "sin")]
         return tuple(found)
@@ -72,11 +73,6 @@ class Displacement(Instrument):
         from symfive.motion import Command
 
         return tuple(Command(name) for name in machine.axis_names)
-
-    @staticmethod
-    def _targets(run: Run) -> tuple[str, ...]:
-        seen = [s.get("target", "ball") for s in run.options["sensors"]]
-        return tuple(t for t in ("rim", "face") if t in seen)
 
     @staticmethod
     def _balls(run: Run) -> dict[int, int]:

@@ -139,16 +139,11 @@ def _bspline(q: Symbol, unit: float, travel: tuple[float, float], order: int, kn
         raise ValueError("B-spline knots must ascend")
     full = np.concatenate([[inner[0]] * degree, inner, [inner[-1]] * degree]) * unit
     count = len(full) - degree - 1
-    means = _spline_means(full, degree, count)
+    # the integral of a B-spline is the width of its support over degree + 1 (C. de Boor 1978, X)
+    means = (full[degree + 1 :] - full[:count]) / ((degree + 1) * (full[-1] - full[0]))
     values = _cox_de_boor(full, degree, ca.fmin(ca.fmax(q, full[0]), full[-1]))
     # the functions sum to one, so after the mean is taken off one of them is redundant: the last is left out
     return [(f"S{i + 1}", values[i] - means[i]) for i in range(count - 1)]
-
-
-def _spline_means(knots: Array, degree: int, count: int) -> Array:
-    """Mean of each B-spline over the knots: its integral is the width of its support over degree + 1 (C. de Boor 1978, X)."""
-    widths = knots[degree + 1 : degree + 1 + count] - knots[:count]
-    return np.asarray(widths / ((degree + 1) * (knots[-1] - knots[0])))
 
 
 def _cox_de_boor(knots: Array, degree: int, q: Symbol) -> list[Symbol]:

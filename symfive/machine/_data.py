@@ -228,7 +228,7 @@ def unknown_axis(owner: str, axis: str | None, axes: Iterable[str], *keys: str, 
 
 def machine_lines(machine: Machine) -> list[str]:
     """Name and structure, axes with their travels, errors with their priors, effects of the model."""
-    effects = ", ".join(map(_effect_words, machine.effects))
+    effects = ", ".join(e.effect if e.axis is None else f"{e.effect} of {e.axis}" for e in machine.effects)
     return [
         f"machine {machine.name}: {machine.structure.code}",
         f"axes: {', '.join(_axis_words(machine.axes[name]) for name in machine.axis_names)}",
@@ -236,10 +236,6 @@ def machine_lines(machine: Machine) -> list[str]:
         f"errors, prior 1σ: {', '.join(map(_error_words, machine.errors.values())) or 'none'}",
         *([f"effects in the model: {effects}"] if effects else []),
     ]
-
-
-def _effect_words(entry: EffectEntry) -> str:
-    return entry.effect if entry.axis is None else f"{entry.effect} of {entry.axis}"
 
 
 def _table_lines(machine: Machine) -> list[str]:

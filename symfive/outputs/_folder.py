@@ -153,7 +153,8 @@ def _replaceable(output: Output) -> list[str]:
         raise InputError(problem, path=target, remedy="move the folder away yourself, or name another")
     if not output.overwrite:
         raise InputError("results lie there already", path=target, remedy="name another folder, or give --overwrite")
-    if manifest.get("recorded") and not all(_is_there(Path(n), digest) for n, digest in manifest["inputs"].items()):
+    inputs = ((Path(name), digest) for name, digest in manifest.get("inputs", {}).items())
+    if manifest.get("recorded") and not all(path.is_file() and digest_of(path) == digest for path, digest in inputs):
         problem = "readings lie there whose source is gone or was changed"
         raise InputError(problem, path=target, remedy="name another folder, or remove this one yourself")
     known = {**manifest["outputs"], **manifest["to_edit"]}
@@ -193,7 +194,3 @@ def _finish(output: Output) -> None:
                 shutil.copy2(here, there)
     for folder in (output.beside, *(p for p in output.beside.rglob("*") if p.is_dir())):
         sync(folder)
-
-
-def _is_there(path: Path, digest: str) -> bool:
-    return path.is_file() and digest_of(path) == digest

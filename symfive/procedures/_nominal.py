@@ -173,6 +173,7 @@ class Nominal:
         coarse = np.unique(np.searchsorted(np.cumsum(steps), np.arange(0.0, steps.sum() + COARSE_RAD, COARSE_RAD)))
         coarse = np.append(coarse[coarse < len(directions) - 1], len(directions) - 1)
         found: list[tuple[float, Array]] = []
+        limits = np.array([self.machine.axes[name].travel for name in rotary])
         for seed in self._seeds(rotary, directions[0]):
             knots = np.zeros((len(coarse), len(rotary)))
             near = seed
@@ -182,7 +183,8 @@ class Nominal:
             path = np.stack([np.interp(np.arange(len(directions)), coarse, column) for column in knots.T], axis=1)
             path = self._whole_turns(rotary, self._turn(rotary, path, directions))
             quick = np.abs(np.diff(path, axis=0)).max(axis=1) > np.degrees(POLE * steps) + REACHED_DEG
-            if np.isfinite(path).all() and not quick.any() and self._inside(rotary, path):
+            inside = (path >= limits[:, 0] - REACHED_DEG) & (path <= limits[:, 1] + REACHED_DEG)
+            if np.isfinite(path).all() and not quick.any() and inside.all():
                 found.append((float(np.abs(np.diff(path, axis=0)).sum() + np.abs(path.mean(axis=0)).sum()), path))
         if not found:
             problem = f"{what}: {' and '.join(rotary)} cannot point the tool all along within the travel"
@@ -210,10 +212,6 @@ class Nominal:
             fits = [t for t in turns if column.min() + t >= low and column.max() + t <= high]
             column += fits[0] if fits else nearest
         return moved
-
-    def _inside(self, rotary: Sequence[str], path: Array) -> bool:
-        limits = np.array([self.machine.axes[name].travel for name in rotary])
-        return bool(((path >= limits[:, 0] - REACHED_DEG) & (path <= limits[:, 1] + REACHED_DEG)).all())
 
     def _turn(self, rotary: Sequence[str], start: Array, directions: Array) -> Array:
         """Newton's method on the rotary axes (N, R), degree, from `start`; NaN where it does not arrive."""
