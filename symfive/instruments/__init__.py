@@ -5,8 +5,6 @@ What only the symbolic reading needs (CasADi, SciPy, the motion) is loaded with 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from symfive.errors import InputError
 from symfive.instruments._base import (
     ZERO_SIGMA_UM,
@@ -26,11 +24,8 @@ from symfive.instruments.r_test import RTest
 from symfive.instruments.straightedge import Straightedge
 from symfive.instruments.touch_probe import TouchProbe, touches_of
 from symfive.instruments.tracker import Tracker
-from symfive.runs import Column
-
-if TYPE_CHECKING:
-    from symfive.machine import Machine
-    from symfive.runs import Run
+from symfive.machine import Machine
+from symfive.runs import Column, Run
 
 __all__ = [
     "INSTRUMENTS", "ZERO_SIGMA_UM", "BallInstrument", "Column", "Instrument", "ball_instrument", "check_mounting", "columns_of",

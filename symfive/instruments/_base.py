@@ -9,14 +9,13 @@ import numpy as np
 
 from symfive.arrays import Array, Flags
 from symfive.errors import InputError
+from symfive.machine import Machine
 from symfive.parameters import Parameter
-from symfive.runs import Column
+from symfive.runs import Column, Run
 
 if TYPE_CHECKING:
-    from symfive.machine import Machine
     from symfive.motion import Signal
     from symfive.row import Row
-    from symfive.runs import Run
 
 Symbol = Any
 ZERO_SIGMA_UM = 1e4
@@ -46,6 +45,8 @@ class Instrument:
     """Entry of [workspace] that says how far its readings may go to either side."""
     ball_drawn: ClassVar[bool] = False
     """Whether it reads where `tool_ball` is in the workpiece frame, so that its poses are drawn."""
+    vectors: ClassVar[tuple[str, ...]] = ()
+    """Fields of a run whose components enter its reading as `constants`, as `table_ball`."""
     numbers: ClassVar[tuple[str, ...]] = ()
     """Options that enter its reading as `constants` only: runs that differ in these share one function."""
     imported: ClassVar[tuple[tuple[str, str, str], ...]] = ()
@@ -63,8 +64,9 @@ class Instrument:
         return ()
 
     def constants(self, run: Run, machine: Machine) -> Mapping[str, float]:
-        """Numbers of the run that enter the reading, by name (mm, rad)."""
-        return {}
+        """Numbers of the run that enter the reading, by name (mm, rad): by default the components of its `vectors`."""
+        each = (vector_constants(name, getattr(run, name)) for name in self.vectors)
+        return {key: value for vector in each for key, value in vector.items()}
 
     def signals(self, run: Run, machine: Machine) -> tuple[Signal, ...]:
         """Signals it reads beside the axis positions."""
@@ -112,6 +114,7 @@ class BallInstrument(Instrument):
 
     on_a_post = True
     ball_drawn = True
+    vectors = ("table_ball", "tool_ball")
 
     def designed(self, run: Run, away: Array) -> Array:
         """About what it would read (N, columns), mm, of a tool ball at `away` (N, 3) from the table's, workpiece frame."""
@@ -121,9 +124,6 @@ class BallInstrument(Instrument):
         from symfive.motion import SpindleAngle
 
         return () if run.spindle is None else (SpindleAngle(),)
-
-    def constants(self, run: Run, machine: Machine) -> Mapping[str, float]:
-        return {**vector_constants("table_ball", run.table_ball), **vector_constants("tool_ball", run.tool_ball)}
 
 
 def setup_parameter(run: Run, name: str, unit: str, sigma: float, **more: Any) -> Parameter:

@@ -6,14 +6,13 @@ from typing import TYPE_CHECKING, Any
 
 from symfive.errors import InputError
 from symfive.instruments._base import Instrument, setup_parameter, setup_vector
+from symfive.machine import Machine
 from symfive.parameters import Parameter
-from symfive.runs import Column
+from symfive.runs import Column, Run
 
 if TYPE_CHECKING:
-    from symfive.machine import Machine
     from symfive.motion import Command
     from symfive.row import Row
-    from symfive.runs import Run
 
 TARGETS = ("ball", "rim", "face")
 ZERO_SIGMA_UM = 1e5

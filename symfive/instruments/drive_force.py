@@ -11,14 +11,13 @@ import numpy as np
 from symfive.arrays import Array, Flags
 from symfive.errors import InputError
 from symfive.instruments._base import Instrument
+from symfive.machine import Machine
 from symfive.parameters import Parameter
-from symfive.runs import Column
+from symfive.runs import Column, Run
 
 if TYPE_CHECKING:
-    from symfive.machine import Machine
     from symfive.motion import RunMotion, Series, Signal
     from symfive.row import Row
-    from symfive.runs import Run
 
 IGNORED = "ignored"
 TERMS = ("mass", "viscous", "coulomb", "offset")

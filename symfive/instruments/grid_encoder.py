@@ -5,14 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from symfive.errors import InputError
-from symfive.instruments._base import Instrument, setup_parameter, setup_vector, vector_constants
+from symfive.instruments._base import Instrument, setup_parameter, setup_vector
+from symfive.machine import Machine
 from symfive.parameters import Parameter
-from symfive.runs import Column
+from symfive.runs import Column, Run
 
 if TYPE_CHECKING:
-    from symfive.machine import Machine
     from symfive.row import Row
-    from symfive.runs import Run
 
 ZERO_SIGMA_UM = 1e6
 
@@ -30,6 +29,7 @@ class GridEncoder(Instrument):
     held = "reading head"
     seated = "reading head"
     ball_drawn = True
+    vectors = ("table_ball", "tool_ball", "u", "v")
     imported = (("du", "um", "um"), ("dv", "um", "um"))
 
     def check(self, run: Run, machine: Machine) -> None:
@@ -45,14 +45,6 @@ class GridEncoder(Instrument):
         zeros = tuple(setup_parameter(run, f"zero.{c}", "um", ZERO_SIGMA_UM) for c in "uv")
         plate = tuple(setup_parameter(run, f"plate.{c}", "urad", sigma.plate) for c in "abc") if sigma.plate else ()
         return (*setup_vector(run, "tool_ball", sigma.tool_ball), *zeros, *plate)
-
-    def constants(self, run: Run, machine: Machine) -> dict[str, float]:
-        return {
-            **vector_constants("table_ball", run.table_ball),
-            **vector_constants("tool_ball", run.tool_ball),
-            **vector_constants("u", run.u or (1.0, 0.0, 0.0)),
-            **vector_constants("v", run.v or (0.0, 1.0, 0.0)),
-        }
 
     def place_sigma(self, run: Run) -> float | None:
         return None

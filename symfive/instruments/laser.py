@@ -5,16 +5,15 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from symfive.errors import InputError
-from symfive.instruments._base import ZERO_SIGMA_UM, Instrument, setup_parameter, vector_constants
+from symfive.instruments._base import ZERO_SIGMA_UM, Instrument, setup_parameter
+from symfive.machine import Machine
 from symfive.parameters import Parameter
-from symfive.runs import Column
+from symfive.runs import Column, Run
 
 if TYPE_CHECKING:
     from symfive.kinematics import Pose
-    from symfive.machine import Machine
     from symfive.motion import Command
     from symfive.row import Row
-    from symfive.runs import Run
 
 ZERO_SIGMA_URAD = 1e6
 """Prior 1σ of the unknown zero of an angle: 1 rad, a polygon or a resolver is mounted at any angle."""
@@ -29,6 +28,7 @@ class Laser(Instrument):
     """
 
     name = "laser"
+    vectors = ("table_ball", "tool_ball")
     imported = (("dev", "um", "urad"),)
 
     def check(self, run: Run, machine: Machine) -> None:
@@ -45,9 +45,6 @@ class Laser(Instrument):
     def parameters(self, run: Run, machine: Machine) -> tuple[Parameter, ...]:
         rotary = machine.axes[run.options["axis"]].rotary
         return (setup_parameter(run, "zero", *(("urad", ZERO_SIGMA_URAD) if rotary else ("um", ZERO_SIGMA_UM))),)
-
-    def constants(self, run: Run, machine: Machine) -> dict[str, float]:
-        return {**vector_constants("table_ball", run.table_ball), **vector_constants("tool_ball", run.tool_ball)}
 
     def signals(self, run: Run, machine: Machine) -> tuple[Command, ...]:
         from symfive.motion import Command

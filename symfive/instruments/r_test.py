@@ -9,13 +9,12 @@ import numpy as np
 from symfive.arrays import Array
 from symfive.errors import InputError
 from symfive.instruments._base import ZERO_SIGMA_UM, BallInstrument, setup_parameter, setup_vector
+from symfive.machine import Machine
 from symfive.parameters import Parameter
-from symfive.runs import Column
+from symfive.runs import Column, Run
 
 if TYPE_CHECKING:
-    from symfive.machine import Machine
     from symfive.row import Row
-    from symfive.runs import Run
 
 
 def _in_head(run: Run) -> bool:

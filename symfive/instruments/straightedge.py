@@ -5,14 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from symfive.errors import InputError
-from symfive.instruments._base import ZERO_SIGMA_UM, Instrument, setup_parameter, vector_constants
+from symfive.instruments._base import ZERO_SIGMA_UM, Instrument, setup_parameter
+from symfive.machine import Machine
 from symfive.parameters import Parameter
-from symfive.runs import Column
+from symfive.runs import Column, Run
 
 if TYPE_CHECKING:
-    from symfive.machine import Machine
     from symfive.row import Row
-    from symfive.runs import Run
 
 SLOPE_SIGMA_URAD = 1e4
 """Prior 1σ of the edge's direction: 1 mm in 100 mm, so that the slope of a line says nothing of the machine."""
@@ -29,6 +28,7 @@ class Straightedge(Instrument):
     stands = "straightedge"
     seated = "SENSOR"
     ball_drawn = True
+    vectors = ("table_ball", "tool_ball", "u", "v")
 
     def check(self, run: Run, machine: Machine) -> None:
         if run.u is None or run.v is None or abs(sum(a * b for a, b in zip(run.u, run.v, strict=True))) > 1e-3:
@@ -41,10 +41,6 @@ class Straightedge(Instrument):
     def parameters(self, run: Run, machine: Machine) -> tuple[Parameter, ...]:
         slope = setup_parameter(run, "slope", "urad", SLOPE_SIGMA_URAD)
         return (setup_parameter(run, "zero", "um", ZERO_SIGMA_UM), slope)
-
-    def constants(self, run: Run, machine: Machine) -> dict[str, float]:
-        named = {"table_ball": run.table_ball, "tool_ball": run.tool_ball, "u": run.u, "v": run.v}
-        return {key: n for name, v in named.items() for key, n in vector_constants(name, v or (0.0, 0.0, 0.0)).items()}
 
     def place_sigma(self, run: Run) -> float | None:
         return None

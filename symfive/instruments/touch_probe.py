@@ -6,13 +6,12 @@ from typing import TYPE_CHECKING, Any
 
 from symfive.errors import InputError
 from symfive.instruments._base import BallInstrument, setup_parameter, setup_vector
+from symfive.machine import Machine
 from symfive.parameters import Parameter
-from symfive.runs import Column
+from symfive.runs import Column, Run
 
 if TYPE_CHECKING:
-    from symfive.machine import Machine
     from symfive.row import Row
-    from symfive.runs import Run
 
 FIVE_TOUCHES = ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, -1.0, 0.0))
 LEAST_TOUCHES = 5

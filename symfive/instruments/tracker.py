@@ -5,14 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from symfive.errors import InputError
-from symfive.instruments._base import Instrument, setup_parameter, setup_vector, vector_constants
+from symfive.instruments._base import Instrument, setup_parameter, setup_vector
+from symfive.machine import Machine
 from symfive.parameters import Parameter
-from symfive.runs import Column
+from symfive.runs import Column, Run
 
 if TYPE_CHECKING:
-    from symfive.machine import Machine
     from symfive.row import Row
-    from symfive.runs import Run
 
 LETTERS = ("x", "y", "z", "a", "b", "c")
 
@@ -32,6 +31,7 @@ class Tracker(Instrument):
     wired = False
     numbers = ("placement", "placement_sigma")
     ball_drawn = True
+    vectors = ("table_ball", "tool_ball")
 
     def check(self, run: Run, machine: Machine) -> None:
         placement = run.options.get("placement", [0.0] * 6)
@@ -65,8 +65,7 @@ class Tracker(Instrument):
         placement = [float(v) for v in run.options.get("placement", [0.0] * 6)]
         scale = [1.0, 1.0, 1.0, *[3.141592653589793 / 180.0] * 3]
         named = {f"placement.{c}": v * s for c, v, s in zip(LETTERS, placement, scale, strict=True)}
-        balls = {name: getattr(run, name) for name in ("table_ball", "tool_ball")}
-        return {k: v for name, ball in balls.items() for k, v in vector_constants(name, ball).items()} | named
+        return {**super().constants(run, machine), **named}
 
     def reading(self, row: Row, run: Run) -> list[Any]:
         import casadi as ca
