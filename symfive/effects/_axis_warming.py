@@ -9,11 +9,9 @@ from typing import Any, Self
 import numpy as np
 
 from symfive.arrays import Array
-from symfive.effects._base import Effect
-from symfive.effects._quantity import Covariance, Quantity, Values, propagated
+from symfive.effects._base import Campaign, Covariance, Effect, Quantity, Row, Values
+from symfive.effects._quantity import propagated
 from symfive.errors import InputError
-from symfive.row import Row
-from symfive.runs import Campaign
 
 SHAPES = ("exponential", "linear")
 

@@ -18,6 +18,10 @@ from symfive.parameters import Parameter
 from symfive.row import Row
 from symfive.runs import Campaign, Run
 
+__all__ = [  # beside what stands here, what every effect is written with
+    "Campaign", "Covariance", "Effect", "Form", "Forms", "Parameter", "Quantity", "Row", "Run", "Values",
+]  # fmt: skip
+
 _LISTED = (
     "backlash", "friction", "lateral_play", "transmission_error", "servo_mismatch", "scale_error", "location_error",
     "error_motion",

@@ -9,15 +9,12 @@ import casadi as ca
 import numpy as np
 
 from symfive.arrays import Array
-from symfive.effects._base import DRIVE, Effect
-from symfive.effects._form import Form, Forms
+from symfive.effects._base import DRIVE, Campaign, Effect, Form, Forms, Row, Run
 from symfive.errors import InputError
 from symfive.instruments.drive_force import DriveForce, FilteredMotion, driven_axis
 from symfive.kinematics import axis_pose
 from symfive.machine import Machine
 from symfive.motion import Signal, Velocity
-from symfive.row import Row
-from symfive.runs import Campaign, Run
 
 FORCE_SHARE = 0.05
 """The share of a drive's force (rms) that a term is expected to have."""

@@ -12,23 +12,11 @@ import casadi as ca
 import numpy as np
 
 from symfive.arrays import Array
-from symfive.effects._base import Effect
-from symfive.effects._form import Form, Tone
-from symfive.effects._quantity import (
-    Covariance,
-    Quantity,
-    Values,
-    amplitude_and_phase,
-    length_spread,
-    own_quantity,
-    propagate,
-    seen_length,
-)
+from symfive.effects._base import Campaign, Covariance, Effect, Form, Parameter, Quantity, Row, Run, Values
+from symfive.effects._form import Tone
+from symfive.effects._quantity import amplitude_and_phase, length_spread, own_quantity, propagate, seen_length
 from symfive.errors import InputError
 from symfive.motion import Position
-from symfive.parameters import Parameter
-from symfive.row import Row
-from symfive.runs import Campaign, Run
 
 READINGS = 2.5
 """Readings per cycle, at least (H. Nyquist 1928: 2)."""

@@ -9,13 +9,10 @@ from typing import Self
 import numpy as np
 
 from symfive.effects._axis_warming import AxisWarming
-from symfive.effects._form import Forms, positioned
-from symfive.effects._quantity import Covariance, Quantity, Values
+from symfive.effects._base import Campaign, Covariance, Forms, Parameter, Quantity, Row, Values
+from symfive.effects._form import positioned
 from symfive.errors import InputError
 from symfive.motion import Position
-from symfive.parameters import Parameter
-from symfive.row import Row
-from symfive.runs import Campaign
 
 PPM = 20.0
 """1σ of the growth: a steel screw (11.5 ppm/K) that is some two kelvins warmer than its scale."""

@@ -6,11 +6,9 @@ from dataclasses import dataclass
 from typing import Self
 
 from symfive.effects._axis_warming import AxisWarming
-from symfive.effects._form import Forms, positioned
+from symfive.effects._base import Campaign, Forms, Parameter, Row
+from symfive.effects._form import positioned
 from symfive.errors import InputError
-from symfive.parameters import Parameter
-from symfive.row import Row
-from symfive.runs import Campaign
 
 TURN = 50.0
 """1σ, µrad: a drift of 5 µm at a radius of 100 mm."""

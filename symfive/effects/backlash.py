@@ -5,13 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from symfive.effects._base import Effect
-from symfive.effects._form import Form, Forms, reversing
-from symfive.effects._quantity import Quantity
+from symfive.effects._base import Campaign, Effect, Form, Forms, Parameter, Quantity, Row, Run
+from symfive.effects._form import reversing
 from symfive.motion import Direction, Play, Position, PreSliding, Signal
-from symfive.parameters import Parameter
-from symfive.row import Row
-from symfive.runs import Campaign, Run
 
 SHAPES = ("play", "pre_sliding", "wind_up", "gradual", "step")
 

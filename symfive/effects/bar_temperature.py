@@ -4,11 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from symfive.effects._base import Effect
-from symfive.effects._form import Forms
-from symfive.parameters import Parameter
-from symfive.row import Row
-from symfive.runs import Campaign, Run
+from symfive.effects._base import Campaign, Effect, Forms, Parameter, Row, Run
 
 CLOCKS = ("run", "campaign")
 

@@ -4,13 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from symfive.effects._base import Effect
-from symfive.effects._form import Form, Forms, reversing
-from symfive.effects._quantity import Covariance, Quantity, Values
+from symfive.effects._base import Campaign, Covariance, Effect, Form, Forms, Parameter, Quantity, Row, Run, Values
+from symfive.effects._form import reversing
 from symfive.motion import Direction, Position, Signal
-from symfive.parameters import Parameter
-from symfive.row import Row
-from symfive.runs import Campaign, Run
 
 UPRIGHT = 0.7
 """Cosine to the vertical from which an axis carries its weight."""

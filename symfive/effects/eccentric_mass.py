@@ -8,14 +8,11 @@ from typing import Self
 import casadi as ca
 import numpy as np
 
-from symfive.effects._base import Effect
+from symfive.effects._base import Campaign, Covariance, Effect, Parameter, Quantity, Row, Values
 from symfive.effects._force import DOWN, across, carriers, gravity_seen
-from symfive.effects._quantity import Covariance, Quantity, Values, amplitude_and_phase
+from symfive.effects._quantity import amplitude_and_phase
 from symfive.errors import InputError
 from symfive.kinematics import axis_pose
-from symfive.parameters import Parameter
-from symfive.row import Row
-from symfive.runs import Campaign
 
 
 @dataclass(frozen=True, kw_only=True)

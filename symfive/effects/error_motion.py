@@ -10,15 +10,11 @@ from typing import Any, Self
 import casadi as ca
 import numpy as np
 
-from symfive.effects._base import Effect
-from symfive.effects._form import Form, Forms, component_of, goes_round, moving, own_component
-from symfive.effects._quantity import Quantity
+from symfive.effects._base import Campaign, Effect, Form, Forms, Parameter, Quantity, Row
+from symfive.effects._form import component_of, goes_round, moving, own_component
 from symfive.errors import InputError
 from symfive.kinematics import Basis, basis_of
 from symfive.machine import ErrorTerm, Machine, unknown_axis
-from symfive.parameters import Parameter
-from symfive.row import Row
-from symfive.runs import Campaign
 
 FINER = (6, 12)
 """Orders of finer forms of the same name."""

@@ -8,13 +8,10 @@ from typing import Self
 
 import numpy as np
 
-from symfive.effects._base import DRIVE, Effect
-from symfive.effects._form import Forms
-from symfive.effects._quantity import Covariance, Quantity, Values, determined, own_quantity, propagated
+from symfive.effects._base import DRIVE, Campaign, Covariance, Effect, Forms, Parameter, Quantity, Run, Values
+from symfive.effects._quantity import determined, own_quantity, propagated
 from symfive.errors import InputError
 from symfive.motion import LAG
-from symfive.parameters import Parameter
-from symfive.runs import Campaign, Run
 
 SIZES = (2.0, 8.0, 32.0)
 """In units of the usual one, up to a third of a second, at which the readings are looked at."""

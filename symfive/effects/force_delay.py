@@ -5,14 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Self
 
-from symfive.effects._base import INSTRUMENT
+from symfive.effects._base import INSTRUMENT, Campaign, Parameter, Row, Run
 from symfive.effects._force import ForceEffect
 from symfive.errors import InputError
 from symfive.instruments.drive_force import DriveForce, FilteredMotion, driven_axis
 from symfive.motion import Signal
-from symfive.parameters import Parameter
-from symfive.row import Row
-from symfive.runs import Campaign, Run
 
 
 @dataclass(frozen=True, kw_only=True)

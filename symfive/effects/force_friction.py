@@ -8,15 +8,12 @@ from typing import Self
 
 import casadi as ca
 
+from symfive.effects._base import Campaign, Form, Forms, Parameter, Quantity, Row, Run
 from symfive.effects._force import ForceEffect, direction, driven_axes, motion_signal
-from symfive.effects._form import FORCE, Form, Forms
-from symfive.effects._quantity import Quantity
+from symfive.effects._form import FORCE
 from symfive.errors import InputError
 from symfive.instruments.drive_force import DriveForce, driven_axis, rest_speed
 from symfive.motion import Position, Signal
-from symfive.parameters import Parameter
-from symfive.row import Row
-from symfive.runs import Campaign, Run
 
 OF_SPEED = ("coulomb", "offset", "skew", "stribeck")
 PARTS = (*OF_SPEED, "along")

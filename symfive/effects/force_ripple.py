@@ -7,13 +7,11 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
+from symfive.effects._base import Campaign, Form, Forms, Parameter, Row
 from symfive.effects._force import SizedForce, driven_axes
-from symfive.effects._form import FORCE, Form, Forms, Tone
+from symfive.effects._form import FORCE, Tone
 from symfive.effects._periodic import Periodic, reach_and_shortest
 from symfive.instruments.drive_force import DriveForce, driven_axis
-from symfive.parameters import Parameter
-from symfive.row import Row
-from symfive.runs import Campaign
 
 LEAST_CYCLES = 4.0
 """Cycles over the way, at least: fewer are a course along the axis, not a ripple."""

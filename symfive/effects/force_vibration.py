@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from symfive.effects._base import Campaign, Covariance, Forms, Parameter, Quantity, Row, Values
 from symfive.effects._force import SizedForce, driven_axes
-from symfive.effects._form import FORCE, Forms
+from symfive.effects._form import FORCE
 from symfive.effects._periodic import Tonal
-from symfive.effects._quantity import Covariance, Quantity, Values
 from symfive.instruments.drive_force import DriveForce, driven_axis
-from symfive.parameters import Parameter
-from symfive.row import Row
-from symfive.runs import Campaign
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from symfive.effects._base import Effect
-from symfive.effects._form import Forms, reversing
+from symfive.effects._base import Campaign, Effect, Forms, Parameter
+from symfive.effects._form import reversing
 from symfive.motion import FRICTION
-from symfive.parameters import Parameter
-from symfive.runs import Campaign
 
 SHAPES = ("coulomb", "stribeck", "lugre")
 SIZES = (0.3, 1.0, 3.0)

@@ -9,16 +9,12 @@ import casadi as ca
 import numpy as np
 
 from symfive.arrays import Array
-from symfive.effects._base import Effect
+from symfive.effects._base import Campaign, Covariance, Effect, Form, Forms, Parameter, Quantity, Row, Run, Values
 from symfive.effects._force import DOWN, across, carriers, gravity_seen, sine_to_gravity, upright
-from symfive.effects._form import Form, Forms, component_of, moving
-from symfive.effects._quantity import Covariance, Quantity, Values
+from symfive.effects._form import component_of, moving
 from symfive.errors import InputError
 from symfive.machine import Machine
 from symfive.motion import Direction, Signal
-from symfive.parameters import Parameter
-from symfive.row import Row
-from symfive.runs import Campaign, Run
 
 PARTS = ("sin", "one_minus_cos", "sin_cubed", "branch")
 OTHERS = (("sin",), ("one_minus_cos",), ("sin", "sin_cubed"), ("sin", "branch"), ("sin", "one_minus_cos", "branch"))

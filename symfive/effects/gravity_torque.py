@@ -9,15 +9,13 @@ import casadi as ca
 import numpy as np
 
 from symfive.arrays import Array
+from symfive.effects._base import Campaign, Covariance, Parameter, Quantity, Row, Values
 from symfive.effects._force import DOWN, ForceEffect, carriers, gravity_seen, turned_bodies, upright, usual_force
 from symfive.effects._form import FORCE
-from symfive.effects._quantity import Covariance, Quantity, Values, propagated
+from symfive.effects._quantity import propagated
 from symfive.errors import InputError
 from symfive.instruments.drive_force import DriveForce
 from symfive.kinematics import axis_pose
-from symfive.parameters import Parameter
-from symfive.row import Row
-from symfive.runs import Campaign
 
 USUAL = 0.5
 """Prior 1σ of a weight moment as a share of the recorded torque (rms): that of a tilted axis is mostly weight and inertia."""

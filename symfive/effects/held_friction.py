@@ -8,15 +8,12 @@ from typing import Self
 import casadi as ca
 import numpy as np
 
+from symfive.effects._base import Campaign, Covariance, Form, Forms, Parameter, Quantity, Row, Values
 from symfive.effects._force import SizedForce, direction, driven_axes, motion_signal
-from symfive.effects._form import Form, Forms
-from symfive.effects._quantity import Covariance, Quantity, Values, own_quantity
+from symfive.effects._quantity import own_quantity
 from symfive.errors import InputError
 from symfive.instruments.drive_force import DriveForce, moved, rest_counts, rest_speed, stands
 from symfive.motion import RunMotion, Series, Signal
-from symfive.parameters import Parameter
-from symfive.row import Row
-from symfive.runs import Campaign
 
 SHAPES = ("side", "each")
 SHORTEST = 4

@@ -8,14 +8,11 @@ from typing import Self
 import casadi as ca
 import numpy as np
 
-from symfive.effects._base import Effect
-from symfive.effects._form import Form, Forms, moving
-from symfive.effects._quantity import Covariance, Quantity, Values, length_and_direction, own_quantity, seen_length
+from symfive.effects._base import Campaign, Covariance, Effect, Form, Forms, Parameter, Quantity, Row, Values
+from symfive.effects._form import moving
+from symfive.effects._quantity import length_and_direction, own_quantity, seen_length
 from symfive.machine import Axis
 from symfive.motion import Acceleration, Signal
-from symfive.parameters import Parameter
-from symfive.row import Row
-from symfive.runs import Campaign
 
 FEWEST = 3
 SHAPES = ("linear", "softening")

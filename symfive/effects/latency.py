@@ -5,12 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from symfive.effects._base import INSTRUMENT, Effect
-from symfive.effects._form import Forms
+from symfive.effects._base import INSTRUMENT, Campaign, Effect, Forms, Parameter, Run
 from symfive.effects.sensor_low_pass import SensorLowPass
 from symfive.instruments import has_clock_of_its_own
-from symfive.parameters import Parameter
-from symfive.runs import Campaign, Run
 
 SIZES = (2.0, 4.0, 8.0, 16.0, 32.0, 64.0)
 """In units of the usual one, up to a second, at which the readings are looked at."""

@@ -6,14 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Self
 
-from symfive.effects._base import Effect
-from symfive.effects._form import Form, Forms, across, component_of, reversing
-from symfive.effects._quantity import Quantity
+from symfive.effects._base import Campaign, Effect, Form, Forms, Parameter, Quantity, Row, Run
+from symfive.effects._form import across, component_of, reversing
 from symfive.errors import InputError
 from symfive.motion import Direction, Play, PreSliding, Signal
-from symfive.parameters import Parameter
-from symfive.row import Row
-from symfive.runs import Campaign, Run
 
 SHAPES = ("step", "pre_sliding", "play")
 

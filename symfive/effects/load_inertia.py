@@ -10,16 +10,14 @@ import casadi as ca
 import numpy as np
 
 from symfive.arrays import Array
+from symfive.effects._base import Campaign, Covariance, Parameter, Quantity, Row, Run, Values
 from symfive.effects._force import ForceEffect, side_of, turned_bodies, usual_force
-from symfive.effects._quantity import Covariance, Quantity, Values, propagated
+from symfive.effects._quantity import propagated
 from symfive.errors import InputError
 from symfive.instruments.drive_force import DriveForce, FilteredMotion
 from symfive.kinematics import axis_pose
 from symfive.machine import Machine
 from symfive.motion import Acceleration, Signal, Velocity
-from symfive.parameters import Parameter
-from symfive.row import Row
-from symfive.runs import Campaign, Run
 
 FIRST, SECOND = ("x", "y", "z"), ("xx", "yy", "zz", "xy", "xz", "yz")
 USUAL = 0.5

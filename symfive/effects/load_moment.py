@@ -8,15 +8,11 @@ from typing import Any, Self
 import casadi as ca
 import numpy as np
 
-from symfive.effects._base import Effect
+from symfive.effects._base import Campaign, Covariance, Effect, Form, Forms, Parameter, Quantity, Row, Values
 from symfive.effects._force import DOWN, carriers, gravity_seen, later_axes
-from symfive.effects._form import Form, Forms
-from symfive.effects._quantity import Covariance, Quantity, Values, propagated
+from symfive.effects._quantity import propagated
 from symfive.errors import InputError
 from symfive.kinematics import axis_pose
-from symfive.parameters import Parameter
-from symfive.row import Row
-from symfive.runs import Campaign
 
 TOOL = "tool"
 

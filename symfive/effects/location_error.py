@@ -5,12 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Self
 
-from symfive.effects._base import Effect
-from symfive.effects._form import Form, Forms, location_of, own_component
+from symfive.effects._base import Campaign, Effect, Form, Forms, Parameter, Row
+from symfive.effects._form import location_of, own_component
 from symfive.errors import InputError
-from symfive.parameters import Parameter
-from symfive.row import Row
-from symfive.runs import Campaign
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,12 +7,9 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from symfive.effects._base import Effect
-from symfive.effects._form import Form, Forms, reversing
+from symfive.effects._base import Campaign, Effect, Form, Forms, Parameter, Row
+from symfive.effects._form import reversing
 from symfive.motion import ReversalAhead, ReversalDistance, ReversalTime, Signal
-from symfive.parameters import Parameter
-from symfive.row import Row
-from symfive.runs import Campaign
 
 SHAPES = ("lag", "pulse", "stick")
 SHORTEST_MS, BRIEF = 20.0, 0.05

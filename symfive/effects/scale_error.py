@@ -5,12 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Self
 
-from symfive.effects._base import Effect
+from symfive.effects._base import Campaign, Effect, Parameter, Row
 from symfive.errors import InputError
 from symfive.motion import Position
-from symfive.parameters import Parameter
-from symfive.row import Row
-from symfive.runs import Campaign
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,14 +7,9 @@ from typing import Self
 
 import numpy as np
 
-from symfive.effects._base import Effect
-from symfive.effects._form import Form, Forms
-from symfive.effects._quantity import Covariance, Quantity, Values
+from symfive.effects._base import Campaign, Covariance, Effect, Form, Forms, Parameter, Quantity, Row, Run, Values
 from symfive.errors import InputError
 from symfive.instruments import instruments_of
-from symfive.parameters import Parameter
-from symfive.row import Row
-from symfive.runs import Campaign, Run
 
 SHAPES = ("gain", "matrix")
 

@@ -8,13 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from symfive.arrays import Array
-from symfive.effects._base import Effect
-from symfive.effects._form import Forms
-from symfive.effects._quantity import Covariance, Quantity, Values, own_quantity, propagated
+from symfive.effects._base import Campaign, Covariance, Effect, Forms, Parameter, Quantity, Run, Values
+from symfive.effects._quantity import own_quantity, propagated
 from symfive.instruments import has_clock_of_its_own
 from symfive.motion import first_order, first_order_slope
-from symfive.parameters import Parameter
-from symfive.runs import Campaign, Run
 
 SIZES = (4.0, 16.0, 64.0)
 """In units of the usual one, up to a third of a second, at which the readings are looked at."""

@@ -6,12 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Self
 
-from symfive.effects._base import Effect
-from symfive.effects._form import Form, Forms, moving
-from symfive.effects._quantity import Covariance, Quantity, Values, determined, own_quantity
+from symfive.effects._base import Campaign, Covariance, Effect, Form, Forms, Parameter, Quantity, Values
+from symfive.effects._form import moving
+from symfive.effects._quantity import determined, own_quantity
 from symfive.errors import InputError
-from symfive.parameters import Parameter
-from symfive.runs import Campaign
 
 RELATIVE_SIGMA = 0.3
 DAMPING = 0.1

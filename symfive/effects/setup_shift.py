@@ -10,14 +10,11 @@ import casadi as ca
 import numpy as np
 
 from symfive.arrays import Array, Indices
-from symfive.effects._base import INSTRUMENT, Effect
+from symfive.effects._base import INSTRUMENT, Campaign, Effect, Form, Forms, Parameter, Row, Run
 from symfive.effects._coordinates import ROW
-from symfive.effects._form import BALL, Begin, Form, Forms, Scan
+from symfive.effects._form import BALL, Begin, Scan
 from symfive.effects._quantity import Covariance, Quantity, Values, own_quantity
 from symfive.errors import InputError
-from symfive.parameters import Parameter
-from symfive.row import Row
-from symfive.runs import Campaign, Run
 
 ARTEFACTS = ("table", "tool")
 SHAPES = ("step", "creep")

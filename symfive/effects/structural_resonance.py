@@ -10,14 +10,11 @@ import casadi as ca
 import numpy as np
 
 from symfive.arrays import Array
-from symfive.effects._base import Effect
-from symfive.effects._form import TOOL, Form, Forms, Scan, moving
-from symfive.effects._quantity import Covariance, Quantity, Values, length_and_direction, own_quantity
+from symfive.effects._base import Campaign, Covariance, Effect, Form, Forms, Parameter, Quantity, Row, Run, Values
+from symfive.effects._form import TOOL, Scan, moving
+from symfive.effects._quantity import length_and_direction, own_quantity
 from symfive.errors import InputError
 from symfive.motion import FINE_S, Resonance, RunMotion, Signal
-from symfive.parameters import Parameter
-from symfive.row import Row
-from symfive.runs import Campaign, Run
 
 LOWEST_HZ, HIGHEST_HZ, SPACING = 5.0, 120.0, 1.08
 """Where a mode of a structure is looked for; one that is off by its damping still rings in step."""

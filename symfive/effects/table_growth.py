@@ -6,12 +6,7 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from symfive.effects._base import Effect
-from symfive.effects._form import Forms
-from symfive.effects._quantity import Covariance, Quantity, Values
-from symfive.parameters import Parameter
-from symfive.row import Row
-from symfive.runs import Campaign
+from symfive.effects._base import Campaign, Covariance, Effect, Forms, Parameter, Quantity, Row, Values
 
 
 @dataclass(frozen=True, kw_only=True)

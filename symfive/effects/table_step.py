@@ -9,14 +9,11 @@ from typing import Any, Self
 import casadi as ca
 import numpy as np
 
-from symfive.effects._base import Effect
-from symfive.effects._form import AXIS, Form, Forms, Scan, moving
-from symfive.effects._quantity import Covariance, Quantity, Values, own_quantity, propagated
+from symfive.effects._base import Campaign, Covariance, Effect, Form, Forms, Parameter, Quantity, Row, Run, Values
+from symfive.effects._form import AXIS, Scan, moving
+from symfive.effects._quantity import own_quantity, propagated
 from symfive.errors import InputError
 from symfive.motion import Position
-from symfive.parameters import Parameter
-from symfive.row import Row
-from symfive.runs import Campaign, Run
 
 SHAPES = ("step", "dent", "late", "early", "gradual")
 NEAREST = 1e-6

@@ -10,13 +10,10 @@ import casadi as ca
 import numpy as np
 
 from symfive.arrays import Array
-from symfive.effects._base import Effect
-from symfive.effects._form import TOOL, Form, Forms, Scan
-from symfive.effects._quantity import Covariance, Quantity, Values, length_and_direction, own_quantity, propagated
+from symfive.effects._base import Campaign, Covariance, Effect, Form, Forms, Parameter, Quantity, Row, Run, Values
+from symfive.effects._form import TOOL, Scan
+from symfive.effects._quantity import length_and_direction, own_quantity, propagated
 from symfive.errors import InputError
-from symfive.parameters import Parameter
-from symfive.row import Row
-from symfive.runs import Campaign, Run
 
 SHAPES = ("exponential", "mixture", "linear", "delayed")
 ONSETS = 9

@@ -6,11 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from symfive.effects._form import AXIS, Form, Forms, Tone, moving
+from symfive.effects._base import Campaign, Form, Forms, Parameter, Row
+from symfive.effects._form import AXIS, Tone, moving
 from symfive.effects._periodic import CYCLES, Periodic, reach_and_shortest
-from symfive.parameters import Parameter
-from symfive.row import Row
-from symfive.runs import Campaign
 
 RICHER, MULTIPLES = (2, 3, 8, 16), ((2, 2), (2, 4), (3, 3))
 """Numbers of harmonics of other shapes; multiples of a period that was found (the largest harmonic need not be the first), each

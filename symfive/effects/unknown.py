@@ -12,7 +12,7 @@ import casadi as ca
 import numpy as np
 
 from symfive.arrays import Array
-from symfive.effects._base import DRIVE, Effect
+from symfive.effects._base import DRIVE, Campaign, Covariance, Effect, Forms, Parameter, Quantity, Row, Run, Values
 from symfive.effects._coordinates import (
     ACCELERATION,
     FINEST,
@@ -27,17 +27,13 @@ from symfive.effects._coordinates import (
     usual_span,
 )
 from symfive.effects._force import FORCE_SHARE, usual_force
-from symfive.effects._form import Forms
-from symfive.effects._quantity import Covariance, Quantity, Values, known_part, propagate, propagated
+from symfive.effects._quantity import known_part, propagate, propagated
 from symfive.effects._unidentified_forms import share_of, unidentified_forms
 from symfive.errors import InputError
 from symfive.instruments.drive_force import DriveForce, driven_axis
 from symfive.kinematics import Basis
 from symfive.machine import Axis, ErrorTerm, Machine
 from symfive.motion import Acceleration, Direction, Position, ReversalDistance, Signal, Velocity
-from symfive.parameters import Parameter
-from symfive.row import Row
-from symfive.runs import Campaign, Run
 
 PLACES = ("axis", "structure", "force")
 _QUANTITIES = f'"{VELOCITY}", "{ACCELERATION}", "{SIGN}" or "{SINCE}"'

@@ -6,14 +6,11 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Self
 
-from symfive.effects._form import READING, TOOL, Forms
+from symfive.effects._base import Campaign, Covariance, Forms, Parameter, Quantity, Row, Run, Values
+from symfive.effects._form import READING, TOOL
 from symfive.effects._periodic import Tonal
-from symfive.effects._quantity import Covariance, Quantity, Values
 from symfive.errors import InputError
 from symfive.instruments import instruments_of
-from symfive.parameters import Parameter
-from symfive.row import Row
-from symfive.runs import Campaign, Run
 
 PLACES = ("structure", "reading")
 
