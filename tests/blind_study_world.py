@@ -1,7 +1,5 @@
 """Answers and verdicts that tests of the blind study share."""
 
-from __future__ import annotations
-
 from typing import Any
 
 

@@ -1,7 +1,5 @@
 """The command line as tests call it, and what they hand to it."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Models of presets with drawn errors, their generated C compiled and called, and what the tools are."""
 
-from __future__ import annotations
-
 import importlib.util
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """What tests of compiled functions share: a memory of their own, a small function, the interpreter, compilers that lie."""
 
-from __future__ import annotations
-
 import shutil
 from collections import Counter
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Recordings of the independent plant with its effects, and their diagnoses."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Campaigns, effects and checks that tests of effects share."""
 
-from __future__ import annotations
-
 import math
 import tempfile
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Machines with a past, for the tests of the history: results as folders, or visits drawn from a linear test."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace

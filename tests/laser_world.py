@@ -1,7 +1,5 @@
 """An axis alone, and what a laser reads along it."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Machines with few errors, for which a plan is found in a fraction of the time, or without drives."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from symfive.machine import Machine, preset

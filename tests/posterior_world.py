@@ -1,7 +1,5 @@
 """Recordings, campaigns and moments that tests of the posterior share."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Processes that tests start: they end with the test, and are waited for by what they do, not by the clock."""
 
-from __future__ import annotations
-
 import subprocess
 import time
 from collections.abc import Callable, Iterator

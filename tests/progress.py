@@ -1,7 +1,5 @@
 """A line every half minute: how many tests are done, and how long it has taken."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 

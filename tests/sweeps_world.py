@@ -1,7 +1,5 @@
 """Plans of sweeps read by the independent plant with lag, delay and slow noise."""
 
-from __future__ import annotations
-
 import json
 import tomllib
 from collections.abc import Callable

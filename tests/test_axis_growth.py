@@ -1,7 +1,5 @@
 """Growth of an axis that warms up, concealed in readings that numpy made: named, sized, and right on runs held out."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from laser_world import axis_alone, laser_run

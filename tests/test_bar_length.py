@@ -1,7 +1,5 @@
 """A ball bar that is not as long as stated: readings that numpy made."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The instant at which a ball slipped has the uncertainty that the readings leave of it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

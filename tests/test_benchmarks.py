@@ -1,7 +1,5 @@
 """The table of ratios from numbers at hand: ratios, targets, skipped and beaten peers; the peer's fit on a small campaign."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

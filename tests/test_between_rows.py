@@ -1,7 +1,5 @@
 """What the rows of a recording do not show of the motion, as of an axis that starts within two of them, no reading tells."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The blind study on a small scale: its cases are what they claim, and its frozen strata stay as they are."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import subprocess

@@ -1,7 +1,5 @@
 """The blind study runs: answers stay sealed, a killed run goes on, entrants take part by files alone."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The blind study scores right: names, classes, magnitudes, rivals, groups that readings cannot separate."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from types import SimpleNamespace

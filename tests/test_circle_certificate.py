@@ -1,7 +1,5 @@
 """The certificate of circles against every set of a small list, evaluated here with NumPy alone."""
 
-from __future__ import annotations
-
 import itertools
 import json
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """What a circular test promises holds on a machine whose position gains are 10 % off, with slow noise."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from sweeps_world import measured

@@ -1,7 +1,5 @@
 """The command line, verb by verb: what is written, exit codes, one sentence for bad input, nothing half written."""
 
-from __future__ import annotations
-
 import importlib
 import json
 import os

@@ -1,7 +1,5 @@
 """Bad input, interruptions and full disks on the command line: one sentence, and nothing half written."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cli_world

@@ -1,7 +1,5 @@
 """Time that was not recorded is no coordinate (`clock = "none"`); an instrument may start its own (`clock_sigma_ms`)."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Generated C: equal to the symbolic model in both directions, single precision and batches; what it refuses."""
 
-from __future__ import annotations
-
 import re
 import shutil
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Generated C builds: without a word, tested by itself, small, clean, the same bytes, and no wrong library is loaded."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

@@ -3,8 +3,6 @@
 `python -m tests.test_codegen_contract` makes 10⁸ calls and 10⁴ paths, in double and single precision, on the presets in turn.
 """
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import tempfile

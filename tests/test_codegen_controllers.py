@@ -1,7 +1,5 @@
 """LinuxCNC's component, its stock kinematics, the ISG table and the printed sheets."""
 
-from __future__ import annotations
-
 import ctypes
 import os
 import re

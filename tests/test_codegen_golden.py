@@ -3,8 +3,6 @@
 What the self-test expects is left out: its last digits belong to the mathematical library of the computer.
 """
 
-from __future__ import annotations
-
 import sys
 import tempfile
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The batch kernel for every instruction set: as many poses a vector as a register holds, no ABI warning, the same results."""
 
-from __future__ import annotations
-
 import platform
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """Tables and sheets for controls: what they hold, their uncertainty, names that end nothing."""
 
-from __future__ import annotations
-
 import json
 import re
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Compiled functions over rows: used when they pay, never where they cannot be trusted."""
 
-from __future__ import annotations
-
 import hashlib
 import math
 import os

@@ -1,7 +1,5 @@
 """Compiled functions and array operations give the interpreter's bits: every operation, effect, preset and instruction set."""
 
-from __future__ import annotations
-
 import platform
 import shutil
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Converters on tiny files of the same layout, made by hand with invented numbers."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The demonstration, its steps on a small scale: they cannot rot, and what they say holds."""
 
-from __future__ import annotations
-
 import importlib.util
 import sys
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Certificates hold: no other plan beats their bound, dense sampling finds no pose beyond the search's largest."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

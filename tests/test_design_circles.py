@@ -1,7 +1,5 @@
 """Circles: paths as the procedures make them, exact derivatives, and a refinement that is never worse than the list."""
 
-from __future__ import annotations
-
 import functools
 import json
 import re

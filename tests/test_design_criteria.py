@@ -1,7 +1,5 @@
 """Criteria against designs known in closed form, derivatives against finite differences, bounds against brute force."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from typing import Any

@@ -1,7 +1,5 @@
 """Spindle indexing and known set-ups: closed forms, files, programs, and the sentence that says what dominates."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Several instruments in the same minutes: the bound against every plan of small lists, evaluated here with NumPy alone."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import math

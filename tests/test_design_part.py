@@ -1,7 +1,5 @@
 """Plans for a part: its error along the path agrees with the model and an independent chain, falls, and is said everywhere."""
 
-from __future__ import annotations
-
 import html
 import json
 import math

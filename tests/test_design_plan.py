@@ -1,7 +1,5 @@
 """Plans: what they promise agrees with the model, their certificate holds, their files hold all that is needed."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Bounds of what a pose can tell: closed forms, dense sampling, corners; what is no polynomial is not called proved."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """The starts of a search on workers: the same design bit for bit, whoever computes it and whoever dies."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

@@ -1,8 +1,6 @@
 """R-tests and ball bars in motion: plans, their programs, and readings of the independent plant with lag, delay and slow
 noise."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import re

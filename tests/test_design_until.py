@@ -1,7 +1,5 @@
 """Plans until an error is known well enough: what is asked is reached, more is asked for more poses, and what limits is said."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Diagnosis on open campaigns and on concealed data of the independent plant: named, modelled, clean where clean."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Effects that hide: in the prior, in the geometry, behind a rival."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Effects that hide in time: in slow noise, between rows, in one stretch of one run."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The steps of a diagnosis, each by itself: detect, locate, explore, polish, decide, amend, cross-validate."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The test that separates two explanations best: what an expert would take, several rivals, its folder."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace

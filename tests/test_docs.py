@@ -1,7 +1,5 @@
 """The documentation runs: Python and console blocks in order, page by page, in a temporary folder; data blocks parse."""
 
-from __future__ import annotations
-
 import json
 import re
 import shlex

@@ -3,8 +3,6 @@
 Force and motion are written by Newton's law; no part of symfive writes them.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Effects: exact sensitivities, plain formulas, the independent plant, what they leave alone, how they are reported."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import Any

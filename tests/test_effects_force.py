@@ -1,7 +1,5 @@
 """Effects in the force of a drive: friction, ripple, weight, a recording that comes early."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

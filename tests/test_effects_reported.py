@@ -1,7 +1,5 @@
 """Sizes of effects with their uncertainty, their words, signatures and files."""
 
-from __future__ import annotations
-
 import json
 import math
 import re

@@ -1,7 +1,5 @@
 """Effects together: what joins, what varies over a coordinate, what a latency leaves alone."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from typing import Any

@@ -1,7 +1,5 @@
 """Parameter values at which the model has no readings: said once by the model, taken by every solver as a step too far."""
 
-from __future__ import annotations
-
 import warnings
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """The example of Oyama, Ibaraki & Otsubo 2010: every claim comes out as its table says, figures are drawn."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 

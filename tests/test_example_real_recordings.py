@@ -1,7 +1,5 @@
 """The example of the real recordings: its functions on simulated readings, and on the recordings where they are."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Paper 3 anew: its drives are integrated rightly, every claim comes out within its limits, and each could fail."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """The example of Wang & Li 2016: claims come out as their table says, both methods do what is said of them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The seam to parallel computing: results do not depend on the engine, on the number of workers or on workers that die."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

@@ -1,7 +1,5 @@
 """What is said of several terms that describe one unidentified cause."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

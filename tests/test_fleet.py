@@ -1,7 +1,5 @@
 """A fleet of recorded machines: one folder of results each, one table of all, whatever fails or is killed in between."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json

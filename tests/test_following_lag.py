@@ -1,7 +1,5 @@
 """An axis whose drive the machine file does not state need not follow its command exactly: a lag of its own is a candidate."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from copy import deepcopy
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """`go.py`, the start from a fresh clone: what its processes are given."""
 
-from __future__ import annotations
-
 import importlib.util
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """The digital calibration certificate: its schema, its numbers, what it leaves open, and that it says it is unsigned."""
 
-from __future__ import annotations
-
 import os
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator

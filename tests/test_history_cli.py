@@ -1,7 +1,5 @@
 """`symfive history` as its user meets it, and the whole way from the independent plant's files to the alarm."""
 
-from __future__ import annotations
-
 import csv
 import json
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The index killed at every write, and a disk that is full from any write on: nothing lost, nothing doubled."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

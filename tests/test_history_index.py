@@ -1,7 +1,5 @@
 """The index: a mirror of the records, whatever order, however many writers; names, migrations, damage, clocks."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import multiprocessing

@@ -1,7 +1,5 @@
 """Pages and server: self-contained, users' text escaped, every number there; only who has the token is answered."""
 
-from __future__ import annotations
-
 import http.client
 import re
 import threading

@@ -1,7 +1,5 @@
 """Change, alarms and forecasts: the stated rates hold, steps are found and named, what no test sees raises no alarm."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

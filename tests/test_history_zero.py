@@ -1,7 +1,5 @@
 """One zero for all visits: the same readings of the independent plant, identified from two nominal machines."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from plant.campaign import write_campaign

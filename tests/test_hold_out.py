@@ -1,7 +1,5 @@
 """Readings that no fit has seen: ways to hold them out, what is said of them, findings that they refute."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

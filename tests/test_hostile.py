@@ -1,7 +1,5 @@
 """Whatever is given ends in a result or in one sentence of at most 800 characters: no traceback, no hang."""
 
-from __future__ import annotations
-
 import json
 import random
 import shutil

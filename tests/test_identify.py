@@ -1,7 +1,5 @@
 """Identification against truth: open campaigns, coverage, noise, outliers, confounding, solvers, sequential schemes."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Tables as instruments export them: read, understood, cut into runs, and refused where only a guess would do."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

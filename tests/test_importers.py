@@ -1,7 +1,5 @@
 """The polar form of a ball bar: read, put back on the programme's positions, identified like a campaign of its own."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Machine skeletons from MTConnect probes: what the document tells is taken, what it does not is asked for, nothing else."""
 
-from __future__ import annotations
-
 import tomllib
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A recording over a whole run is cut at its rests and matched with the poses."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

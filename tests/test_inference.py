@@ -1,7 +1,5 @@
 """Gauss–Newton along curved valleys and beside kinks, and noise made white."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any

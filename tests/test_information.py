@@ -1,7 +1,5 @@
 """Expected information of a plan: by integration over one parameter on a grid, and where the readings are linear."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from lean import varying

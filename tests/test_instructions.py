@@ -1,7 +1,5 @@
 """Programs and sheets have the operator keep what the evaluation takes as known: a zero, a place on the table."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The ball bar behind LinuxCNC's joints: its servo loops, its software's export, and the way from there to the named play."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

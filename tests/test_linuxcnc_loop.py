@@ -1,7 +1,5 @@
 """The loop through LinuxCNC: its parts, the whole story on a control made of the compiled component, and on LinuxCNC itself."""
 
-from __future__ import annotations
-
 import ctypes
 import json
 import re

@@ -1,7 +1,5 @@
 """The sphere behind LinuxCNC's joints closes its contact where the independent plant says that the tip meets it."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 

@@ -1,7 +1,5 @@
 """What a drive feels of the inertia of the later axes, against Newton's law on point masses by finite differences."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Long recordings: read and identified by windows, with the same result, in memory that does not grow."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

@@ -1,7 +1,5 @@
 """The model against the independent plant: readings, exact sensitivities, first order, effects from the machine file."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Runs that share a mounting: one error for all of them, in the model, in files and in what is identified from concealed data."""
 
-from __future__ import annotations
-
 import json
 import re
 from dataclasses import replace

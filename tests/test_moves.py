@@ -1,7 +1,5 @@
 """Order of poses, bodies that may not meet, and moves around them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """NC programs: every dialect, the ball stays where it belongs, LinuxCNC's own interpreter follows the plan."""
 
-from __future__ import annotations
-
 import itertools
 import re
 from dataclasses import replace

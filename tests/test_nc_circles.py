@@ -1,7 +1,5 @@
 """Programs of recordings: planar circles as the control's own arcs, other paths as blocks of a stated error."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from pathlib import Path

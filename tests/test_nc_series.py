@@ -1,7 +1,5 @@
 """Circular tests as a control drives them: the bar stays on between circles, every dialect's arcs, tool-centre control."""
 
-from __future__ import annotations
-
 import re
 import shutil
 from dataclasses import replace

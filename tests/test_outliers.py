@@ -1,7 +1,5 @@
 """What is an outlier and what is the machine's; how many readings were excluded is said, and every rms counts all of them."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

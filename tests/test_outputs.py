@@ -1,7 +1,5 @@
 """Results are one thing: inputs stay, a folder is replaced whole or not at all, its manifest binds it, two writers are told."""
 
-from __future__ import annotations
-
 import json
 import multiprocessing
 import os

@@ -1,7 +1,5 @@
 """Every page fits a telephone, a screen and a sheet of paper, in light and in dark."""
 
-from __future__ import annotations
-
 import html
 import re
 import shutil

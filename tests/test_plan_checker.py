@@ -1,7 +1,5 @@
 """The independent checker of plans: it passes a plan that is in order, finds every planted fault, and passes symfive's plans."""
 
-from __future__ import annotations
-
 import re
 import shutil
 import subprocess

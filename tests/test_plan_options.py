@@ -1,7 +1,5 @@
 """What a user may decide about a plan, in Python and on the command line; what cannot be done is said in one sentence."""
 
-from __future__ import annotations
-
 import json
 import re
 from dataclasses import replace

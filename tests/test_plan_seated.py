@@ -1,7 +1,5 @@
 """Seated moves that go around what is in the way, and poses chosen with the price of their moves."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path

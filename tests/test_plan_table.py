@@ -1,7 +1,5 @@
 """Where a ball may stand: the table belongs to the rotary axis that carries it, wherever that axis stands."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

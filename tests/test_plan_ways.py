@@ -1,7 +1,5 @@
 """Ways of a plan's programs: every pose can be left, no rapid meets anything, no axis is faster than promised."""
 
-from __future__ import annotations
-
 import itertools
 import re
 from dataclasses import replace

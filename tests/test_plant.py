@@ -1,7 +1,5 @@
 """The independent plant agrees with the shared vectors and campaigns, and writes what FORMATS.md says."""
 
-from __future__ import annotations
-
 import csv
 import json
 import shutil

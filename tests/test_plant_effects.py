@@ -1,7 +1,5 @@
 """Effects of the independent plant show in its readings."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,8 +1,6 @@
 """Where in its play an axis is before it moves: at a flank the slope is that from within, the only side from which it can be
 approached."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A circle that a ball bar's software states degree by degree is no polygon: its drives follow the arc between the rows."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from symfive.campaign import Campaign

@@ -1,7 +1,5 @@
 """What a test by ISO 230-2 measures is the positioning deviation: that an axis has one is as probable as not."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from laser_world import axis_alone, laser_run

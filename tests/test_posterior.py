@@ -1,7 +1,5 @@
 """One posterior: moments against exact whitening and dense algebra, the sweep against direct evidence."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from pathlib import Path

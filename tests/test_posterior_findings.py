@@ -1,7 +1,5 @@
 """The posterior names what it should: textbook plays, what a tilt closes, what comes back over time, open campaigns."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

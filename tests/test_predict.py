@@ -1,7 +1,5 @@
 """`predict` and `check` where the machine file declares no error, or a run has nothing of its own to be fitted."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

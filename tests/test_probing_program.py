@@ -1,7 +1,5 @@
 """The probing program read again: every touch aims at the sphere, every way around it keeps off, logs give the centres back."""
 
-from __future__ import annotations
-
 import re
 import shutil
 from dataclasses import replace

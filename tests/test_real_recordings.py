@@ -1,7 +1,5 @@
 """The recordings of others, where they are (`SYMFIVE_DATA`): converted, written, read back, fitted by the baseline."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

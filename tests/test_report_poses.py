@@ -1,7 +1,5 @@
 """Poses to be turned: the numbers of the page are those of the kinematics, users' words stay words, long runs stay light."""
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import re

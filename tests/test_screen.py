@@ -1,7 +1,5 @@
 """What stands on a screen, and what the verbs can be given: things, paths, names."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The slow noise of a recording, found together with many parameters: as likely as any other, not where a search gave up."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

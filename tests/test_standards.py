@@ -1,7 +1,5 @@
 """The numbers of the standards against computations by hand: loops and fractions of this file, nothing of symfive's."""
 
-from __future__ import annotations
-
 import csv
 import json
 import math

@@ -1,7 +1,5 @@
 """Diagnosis of long recordings: what the search sees of them, and that windows change no result."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """The lock: every dependency of every extra, each with hashes; what go.py installs for an extra is complete."""
 
-from __future__ import annotations
-
 import importlib.util
 import re
 import tomllib

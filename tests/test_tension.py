@@ -1,7 +1,5 @@
 """A ball that stands elsewhere than the file says: the readings are explained, by errors that were thought impossible."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

@@ -4,8 +4,6 @@
 offset as sines (ISO 230-4, Annex B). No part of symfive writes these traces.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """BLAS computes with one thread inside symfive, whenever its library was loaded, and as before outside."""
 
-from __future__ import annotations
-
 import sys
 from types import ModuleType
 

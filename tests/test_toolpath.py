@@ -1,7 +1,5 @@
 """Tool paths of parts: what NC words mean, where the tool cuts, what is refused and how."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Touch probe and calibration sphere against the independent plant, which touches, fits spheres and searches for coordinates."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A play is crossed from where the axis turned, which is between two rows: closed form on a circle that is read seldom."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Targets of ISO 230-2 are uneven so that a screw's pitch shows: a positioning test of them resolves periods below its step."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

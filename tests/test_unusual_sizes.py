@@ -1,7 +1,5 @@
 """Faults far from the usual size of a machine tool's, and of a course that no single body has."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from laser_world import laser_run

@@ -1,7 +1,5 @@
 """Readings that are reversed, exchanged or in another unit: said with the run, and not said where physics is missing instead."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What a correction is worth: against closed forms of a machine with three linear axes."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

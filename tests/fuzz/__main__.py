@@ -1,7 +1,5 @@
 """The command line of the fuzzer: `python -m tests.fuzz --minutes 60 -o build/fuzz`, and again to go on."""
 
-from __future__ import annotations
-
 import argparse
 import re
 import subprocess

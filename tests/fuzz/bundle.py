@@ -1,7 +1,5 @@
 """Several files as one text, so that a reader of folders, too, is fuzzed with one input: `=== name` begins a file."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

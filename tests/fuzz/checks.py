@@ -1,7 +1,5 @@
 """What must hold of every input, whatever it is: it is read and right, or refused in one sentence."""
 
-from __future__ import annotations
-
 import math
 import os
 import shutil

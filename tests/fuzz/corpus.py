@@ -1,7 +1,5 @@
 """The kept corpus: few small inputs that together reach what all inputs found reach, and its replay."""
 
-from __future__ import annotations
-
 import hashlib
 import sys
 from collections.abc import Iterable, Iterator

@@ -1,7 +1,5 @@
 """Mutations that know what numbers, strings and lines are: what all formats of symfive consist of."""
 
-from __future__ import annotations
-
 import random
 import re
 

@@ -1,7 +1,5 @@
 """Mutations of what a TOML or JSON text says: the text stays valid, so that they reach what lies behind the syntax."""
 
-from __future__ import annotations
-
 import copy
 import json
 import random

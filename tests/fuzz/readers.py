@@ -1,7 +1,5 @@
 """Every reader of symfive under its name. A new one is one entry of the table at the end."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from unittest import mock

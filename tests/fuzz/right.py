@@ -1,7 +1,5 @@
 """What must hold of what the readers accept. Each check has a folder to write to."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What fuzzing begins with, beside the kept corpus: files of `designs` and of the tests, and small ones of every form."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 

@@ -4,8 +4,6 @@ A call is right that ends by itself within ten seconds of processor time with ex
 line of more than 800 characters on standard error, and that leaves every input as it was. All run in this process.
 """
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import io

@@ -1,7 +1,5 @@
 """One reader under atheris for some seconds, started by `tests.fuzz`: `-m tests.fuzz.worker READER SECONDS FOLDER ROOM`."""
 
-from __future__ import annotations
-
 import random
 import sys
 import traceback

@@ -31,8 +31,6 @@ Not checked: where axes go before the program has brought them to known places, 
 files do not describe (cradle, clamps, cables, sensors of the nest, covers).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path as File

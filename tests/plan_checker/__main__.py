@@ -1,7 +1,5 @@
 """`python -m tests.plan_checker DIR …`: findings of every plan in the folders given; ends with 1 where there are any."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 from collections.abc import Callable

@@ -6,8 +6,6 @@ nose, or with a length offset that of the tool ball (tool length added here). Wi
 place in the workpiece frame. Machine coordinates only ever draw the tool back: to the top of the tool axis' travel.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field

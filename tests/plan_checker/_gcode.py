@@ -1,7 +1,5 @@
 """Reads ISO (Fanuc-like), LinuxCNC and Siemens programs. A word that is not known is a finding, never passed over."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass, field
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """Reads Heidenhain Klartext. A word that is not known is a finding."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

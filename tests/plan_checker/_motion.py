@@ -1,7 +1,5 @@
 """What the moves of one program do to the axes and to the bodies: travel, feeds, clearances, the bar's length."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from functools import partial
 

@@ -1,7 +1,5 @@
 """What a program does in which order: first move, modal states, poses visited, stops and the end."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 

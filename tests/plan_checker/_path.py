@@ -1,7 +1,5 @@
 """Where every axis is along a program, densely, and what state the instrument is in meanwhile."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 from functools import cached_property

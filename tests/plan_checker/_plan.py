@@ -3,8 +3,6 @@
 Lengths in mm, angles in degree; axes in the order `Machine.names`. The chain is the independent plant's.
 """
 
-from __future__ import annotations
-
 import csv
 import json
 import re

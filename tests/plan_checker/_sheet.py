@@ -1,7 +1,5 @@
 """What the set-up sheet tells the operator, against the files and the programs."""
 
-from __future__ import annotations
-
 import html
 import re
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """How long a program takes, against what the file and the plan state."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from itertools import pairwise
 

@@ -9,8 +9,6 @@
 The tip meets the sphere of which the program's head says the radius, the machine being nominal.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """What the checker and the tests know of each dialect, one entry each; nothing of it comes from symfive."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 

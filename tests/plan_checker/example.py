@@ -3,8 +3,6 @@
 A tilting-table machine, an R-test run and a ball-bar run; each goes out once between two poses and in again.
 """
 
-from __future__ import annotations
-
 import json
 import tomllib
 from collections.abc import Callable, Iterator

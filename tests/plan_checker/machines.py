@@ -1,7 +1,5 @@
 """Machines drawn at random: structural codes, origins, directions, travels and workspaces that docs/conventions.md allows."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ._plan import Table

@@ -1,7 +1,5 @@
 """Whether a machine that was refused could have been measured: poses drawn at random that can be reached and left."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ._bodies import Cylinder, clearance

@@ -5,8 +5,6 @@ change the
 drive's constants before the motion is computed, ``axis`` functions change the coordinate behind it.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

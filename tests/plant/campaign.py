@@ -1,7 +1,5 @@
 """Writes campaigns by FORMATS.md sections 4 and 5: machine.toml, campaign.toml, one CSV a run, truth.json."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path

@@ -7,8 +7,6 @@ with s = -q on the workpiece side and s = +q on the tool side; the ball in the w
 ``d = inv(W) . T . tool_ball``.  Inside the plant: mm and rad.  Names of errors: ISO 230-1.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 

@@ -5,8 +5,6 @@ before the
 play, FORMATS.md and paper 3 alike), ``body`` (error motions, displacements, set-up) and ``sensor``.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 
 from . import behind, foreign, instrument, strange, structure

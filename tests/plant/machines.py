@@ -2,8 +2,6 @@
 topologies.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 Machine = dict[str, Any]

@@ -1,7 +1,5 @@
 """Noise that no file declares: white, coloured, walking, drifting, outliers, missing rows."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -5,8 +5,6 @@ Each function returns the dictionary of one ``[[run]]`` with ``t_s`` (N,) and ``
 degree}.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Touch probe on a calibration sphere: touches along straight lines, a sphere fitted to the tips, coordinates searched for."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 
 import numpy as np

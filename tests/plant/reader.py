@@ -2,8 +2,6 @@
 check on others' data.
 """
 
-from __future__ import annotations
-
 import csv
 import json
 import tomllib

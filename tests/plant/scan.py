@@ -4,8 +4,6 @@ Both advance z by a matrix exponential per substep, in one of two modes: sliding
 substep) or stuck (x and v frozen, the rest goes on); LuGre friction has its own bristle state instead.
 """
 
-from __future__ import annotations
-
 import ctypes
 import hashlib
 import os

@@ -1,7 +1,5 @@
 """What one run's simulation carries from stage to stage; every effect is a function that changes it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any

@@ -2,8 +2,6 @@
 inertia, resonance.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np
