@@ -82,7 +82,6 @@ class Sources:
 
     @property
     def machine(self) -> Machine:
-        """The machine."""
         return self.subject.machine
 
     @property
@@ -130,7 +129,6 @@ class Sources:
                 "p_size": max(1, self.parameters)}  # fmt: skip
 
     def header(self) -> str:
-        """The header."""
         more = filled("parameter_jacobian.h", **self.names) if self.parameters else ""
         if self.solved:
             more += filled("inverse.h", solved=", ".join(solved_axes(self.machine)), **self.names)
@@ -171,7 +169,6 @@ class Sources:
         return "\n".join(lines)
 
     def _function(self, name: str, body: Body) -> str:
-        """One function around its body."""
         real, macro = f"{self.prefix}_real", self.prefix.upper()
         sizes = {"position": "3", "direction": "3", "by_q": f"3 * {macro}_AXES", "direction_by_q": f"3 * {macro}_AXES",
                  "by_p": f"3 * {macro}_PARAMETERS", "direction_by_p": f"3 * {macro}_PARAMETERS", "slope": "9"}  # fmt: skip

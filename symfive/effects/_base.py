@@ -277,7 +277,6 @@ class Effect:
         return (Parameter(name=name, unit="1", sigma=sigma, lower=-1.0, upper=1.0, kind="setup", run=run.id),)
 
     def its_axis(self, campaign: Campaign) -> Axis:
-        """The axis it belongs to."""
         return campaign.machine.axes[str(self.axis)]
 
     def clock_span(self, campaign: Campaign) -> float:

@@ -153,7 +153,6 @@ class DriveForce(Instrument):
             )
 
     def terms(self, run: Run) -> tuple[str, ...]:
-        """The terms of the baseline."""
         return tuple(run.options.get("force_terms", TERMS))
 
     def columns(self, run: Run, machine: Machine) -> tuple[Column, ...]:

@@ -72,7 +72,6 @@ class Laser(Instrument):
 
 
 def _relative(workpiece: Pose, tool: Pose) -> Any:
-    """Rotation of the tool relative to the workpiece."""
     return workpiece.rotation.T @ tool.rotation
 
 

@@ -2,7 +2,6 @@
 
 from symfive.runs._campaign import MOUNTED, Campaign
 from symfive.runs._options import OPTIONS
-from symfive.runs._piece import Column, Piece
-from symfive.runs._run import FIRST_LINE, Run, SetupSigma, Vector
+from symfive.runs._run import FIRST_LINE, Column, Piece, Run, SetupSigma, Vector
 
 __all__ = ["FIRST_LINE", "MOUNTED", "OPTIONS", "Campaign", "Column", "Piece", "Run", "SetupSigma", "Vector"]

@@ -17,7 +17,6 @@ from symfive.errors import InputError
 from symfive.files import shown
 from symfive.numbers import plain_number, unit_words
 from symfive.runs._options import check_options
-from symfive.runs._piece import Piece
 from symfive.screen import OnScreen, plural
 from symfive.validation import finite, freeze, is_number, numbers, one_of
 
@@ -92,6 +91,35 @@ class SetupSigma:
         """Of the tool ball's coordinates in the tool frame, µm."""
         along = self.tool_ball if self.tool_length is None else self.tool_length
         return self.tool_ball, self.tool_ball, along
+
+
+@dataclass(frozen=True)
+class Column:
+    """A reading column of a CSV: internal value (mm, rad, …) = `scale` × the number in the file."""
+
+    name: str
+    unit: str
+    scale: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Piece:
+    """One stretch: of `run`, which has no readings, row `lead` and every `step`th after it. In the rows before that drives, plays
+    and friction forget how it began."""
+
+    run: Run
+    lead: int
+    step: int = 1
+
+    @property
+    def own(self) -> slice:
+        """The rows that are kept."""
+        return slice(self.lead, None, self.step)
+
+    @property
+    def rows(self) -> int:
+        """How many they are."""
+        return len(range(self.lead, self.run.rows, self.step))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
