@@ -11,7 +11,7 @@ import numpy as np
 
 from symfive.arrays import Array, Flags
 from symfive.campaign import Run
-from symfive.instruments import fitted_parts
+from symfive.instruments import fitted_parts, has_bar
 from symfive.kinematics import ball_in_workpiece
 from symfive.machine import Machine
 
@@ -71,7 +71,7 @@ class Circle:
         adds at 2φ, e²/4R, would be a squareness.
         """
         deviation = np.asarray(np.sum(self.weights * (readings[:, self.columns] - self.nominal), axis=1))
-        if "ball_bar" not in self.run.instrument or not self.whole:
+        if not has_bar(self.run) or not self.whole:
             return deviation
         return deviation - self._beyond_first_order(deviation)
 

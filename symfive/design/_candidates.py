@@ -104,7 +104,7 @@ def _no_pose(space: Space, z: Array, k: Array) -> InputError:
     }
     remedy = next(text for key, text in remedies.items() if worst.startswith(key))
     shortest = min(space.lengths)
-    longer = f" (the shortest bar is {shortest:g} mm)" if space.instrument == "ball_bar" else ""
+    longer = f" (the shortest bar is {shortest:g} mm)" if space.bar else ""
     return InputError(f"no pose can be reached: {worst} is in the way everywhere{longer}", remedy=remedy)
 
 

@@ -15,7 +15,7 @@ from symfive.arrays import Array
 from symfive.campaign import FIRST_LINE, Run
 from symfive.design._mounting import STILL
 from symfive.drawing.render import rendered
-from symfive.instruments import mounted
+from symfive.instruments import has_bar, mounted
 from symfive.machine import Machine
 from symfive.numbers import unit_words
 from symfive.procedures import Nominal
@@ -52,7 +52,7 @@ def pose_figure(machine: Machine, run: Run) -> Figure:
             panel.plot([run.table_ball[0]] * 2, [0.0, run.table_ball[2]], color="0.6", linewidth=3.0, zorder=0)
         sticks = np.stack([balls, balls + STICK_MM * axes_of_tool], axis=1)[:, :, [i, j]]
         panel.add_collection(LineCollection(list(sticks), colors=colours, linewidths=0.8, linestyles=[(0, (3, 1.5))]))
-        if "ball_bar" in run.instrument:
+        if has_bar(run):
             bars = np.stack([np.broadcast_to(run.table_ball, balls.shape), balls], axis=1)[:, :, [i, j]]
             panel.add_collection(LineCollection(list(bars), colors=colours, linewidths=1.8))
         panel.plot(run.table_ball[i], run.table_ball[j], "o", color="#c1121f", markersize=6)
@@ -71,7 +71,7 @@ def pose_figure(machine: Machine, run: Run) -> Figure:
 
 def _key(figure: Figure, run: Run) -> None:
     """What the lines of the pose picture are."""
-    bar, (stands, _) = "ball_bar" in run.instrument, mounted(run)
+    bar, (stands, _) = has_bar(run), mounted(run)
     lines = [
         *([Line2D([], [], marker="o", linestyle="", color="#c1121f", label=stands)] if stands else []),
         Line2D([], [], color="0.3", linewidth=0.8, linestyle=(0, (3, 1.5)), label="tool, from its ball upward"),

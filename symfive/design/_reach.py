@@ -39,11 +39,10 @@ class Reach:
 
 def _run(space: Space, z: Array, k: Array) -> Run:
     """Rows of one set-up as a run."""
-    bar = space.instrument == "ball_bar"
     return Run(
         id="poses", instrument=(space.instrument,), sampling="static", time=np.arange(len(z), dtype=float),
         commands=space.commands(z, k), table_ball=space.table_ball(z[0]), tool_ball=space.tool_ball(z[0]),
-        length=float(k[0, 0]) if bar else None, noise_um=space.noise_um,
+        length=float(k[0, 0]) if space.bar else None, noise_um=space.noise_um,
     )  # fmt: skip
 
 

@@ -108,7 +108,7 @@ def _laid_out(
         id=name, instrument=(space.instrument,), sampling="static", time=np.arange(len(order), dtype=float),
         commands={axis: values[order] for axis, values in own.commands.items()},
         table_ball=space.table_ball(z), tool_ball=space.tool_ball(z),
-        length=float(k[0]) if space.instrument == "ball_bar" else None,
+        length=float(k[0]) if space.bar else None,
         noise_um=noise_um, setup_sigma_um=space.setup_sigma, spindle=turned if index else None, options=space.options,
     )  # fmt: skip
     moves = RunMoves(own, order, _sides(space.machine, run))
@@ -203,7 +203,7 @@ def _drift(space: Space, rows: Rows, visited: Indices, instants: Array, repeats:
     task = Task(Volume(), np.eye(len(everything)), space.own_sigma, everything)
     plain = task.information(sensitivities, group, rows.groups)
     hours = (instants - instants.mean()) / 3600.0
-    directions = bars_of(space, z)[:, :, None] if space.instrument == "ball_bar" else np.eye(3)[None, :, :]
+    directions = bars_of(space, z)[:, :, None] if space.bar else np.eye(3)[None, :, :]
     rate = DRIFT_UM_PER_H / (space.noise_um * math.sqrt(repeats)) * hours[:, None, None] * directions
     whole = task.layout(rows.groups).embed(sensitivities, group)
     cross = np.einsum("npy,ndy->pd", whole, np.broadcast_to(rate, (len(z), 3, whole.shape[2])))

@@ -188,7 +188,7 @@ def _leaves(space: Space, z: Array, k: Array, first: Indices, last: Indices, sha
     """Whether the seated moves from some rows to others leave the limits: rotary axes straight, the ball in its nest or the bar
     on the shorter arc, as the program drives."""
     a, b = z[first], z[last]
-    bars = (bars_of(space, a), bars_of(space, b)) if space.instrument == "ball_bar" else None
+    bars = (bars_of(space, a), bars_of(space, b)) if space.bar else None
     live = np.arange(len(first))
     # the first limit that is left settles a move: few places far apart are looked at first
     for share in np.concatenate([shares[2::5], np.delete(shares, np.s_[2::5])]):

@@ -14,7 +14,7 @@ from symfive.design._assess import Assessment
 from symfive.design._mounting import STILL, digits, from_axes, mounted_before, over_the_ball, path_facts, pose_table
 from symfive.design._schedule import SETUP_S
 from symfive.drawing import PAGE_STYLE, SCRIPT, poses_figure, templates
-from symfive.instruments import instruments_of, mounted
+from symfive.instruments import has_bar, instruments_of, mounted
 from symfive.machine import Machine
 from symfive.nc import (
     UNCHECKED,
@@ -199,7 +199,7 @@ def _start(sheet: Sheet, run: Run) -> list[str]:
     if "touch_probe" not in run.instrument:
         start = f"Start the program of run {run.id}; it stops for you to mount the instrument."
         mount = "Mount the bar and start its recording there, then let the program go on."
-        return [start, *([mount] if "ball_bar" in run.instrument and run.dynamic else [])]
+        return [start, *([mount] if has_bar(run) and run.dynamic else [])]
     space = sheet.campaign.machine.workspace
     return [
         f"Sphere of radius {space.sphere_radius:g} mm, tip of radius {space.tip_radius:g} mm, probe switched on, spindle locked.",
@@ -307,7 +307,7 @@ def _thickness(sheet: Sheet) -> list[tuple[str, float | None]]:
     """Bodies with their radius, mm; None: a line."""
     workspace = sheet.campaign.machine.workspace
     bodies = [("post", workspace.post_radius), ("tool", workspace.tool_radius)]
-    if any("ball_bar" in run.instrument for run in sheet.campaign.runs):
+    if any(has_bar(run) for run in sheet.campaign.runs):
         bodies.append(("bar", workspace.bar_radius))
     return bodies
 

@@ -71,6 +71,11 @@ class Space:
     limit_names: tuple[str, ...]
     options: Mapping[str, Any] = field(default_factory=dict)
 
+    @property
+    def bar(self) -> bool:
+        """Whether a bar joins the two balls."""
+        return INSTRUMENTS[self.instrument].bar
+
     @cached_property
     def pose_kernel(self) -> Kernel:
         """The kernel with derivatives in the pose alone; its constants are the set-up's variables and `k`."""

@@ -111,7 +111,7 @@ class Sweeps:
         self.space, self.setup, self.length, self.noise, self.rate_hz = space, setup, length, noise, rate_hz
         self.machine, self.effects = space.machine, nuisances(space.machine)
         self.names = space.names[: space.poses]
-        self.bar = space.instrument == "ball_bar"
+        self.bar = space.bar
         self.stroke = INSTRUMENTS[space.instrument].stroke(space.machine)
         self.low, self.high = (np.degrees(bounds[: space.poses]) for bounds in (space.lower, space.upper))
         self.low[-1] += OFF_THE_CUP_DEG if self.bar else 0.0

@@ -13,7 +13,7 @@ import numpy as np
 from symfive.arrays import Array
 from symfive.campaign import Campaign, Run
 from symfive.drawing._page import SERIES
-from symfive.instruments import has_post, instruments_of
+from symfive.instruments import has_bar, has_post, instruments_of
 from symfive.procedures import Nominal
 
 SCRIPT = (files("symfive.drawing") / "poses.js").read_text(encoding="utf-8")
@@ -131,7 +131,7 @@ class _Pen:
         """One run: the tool at each pose, bars, balls, and the post of the ball on the table."""
         ball, nest = poses.ball, poses.nest
         step = -(-len(ball) // MOST_LINES) if poses.run.dynamic else 1
-        bars = "ball_bar" in poses.run.instrument
+        bars = has_bar(poses.run)
         shapes = [
             self.path(_pairs(ball[::step], (ball + stick * poses.up)[::step]), 2, "tools"),
             self.path(_pairs(np.broadcast_to(nest, ball.shape)[::step], ball[::step]), 2, "bars") if bars else "",

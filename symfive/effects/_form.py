@@ -10,6 +10,7 @@ import numpy as np
 
 from symfive.arrays import Array
 from symfive.errors import InputError
+from symfive.instruments import positioning_instrument
 from symfive.machine import ErrorTerm, Machine, unknown_axis
 from symfive.runs import Campaign, Run
 
@@ -126,7 +127,7 @@ def positioned(campaign: Campaign) -> tuple[str, ...]:
     """Axes whose positions a positioning test by ISO 230-2 compares with a laser: their deviations are what it measures."""
     at: dict[object, list[Array]] = {}
     for run in campaign.runs:
-        if "laser" in run.instrument and not run.dynamic:
+        if positioning_instrument(run) and not run.dynamic:
             axis = run.options.get("axis")
             at.setdefault(axis, []).append(run.commands[str(axis)])
     return tuple(a for a in campaign.machine.axis_names if a in at and np.ptp(np.concatenate(at[a])) > 0.0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from symfive.effects._base import Campaign, Effect, Form, Forms, Parameter, Row, Run
+from symfive.instruments import has_bar
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,7 +30,7 @@ class BarLength(Effect):
         return [Form(effect=cls())]
 
     def applies(self, run: Run) -> bool:
-        return super().applies(run) and "ball_bar" in run.instrument
+        return super().applies(run) and has_bar(run)
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         return (self.own("error", "um", 20.0),)

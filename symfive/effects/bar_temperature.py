@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from symfive.effects._base import Campaign, Effect, Forms, Parameter, Row, Run
+from symfive.instruments import has_bar
 
 CLOCKS = ("run", "campaign")
 
@@ -35,7 +36,7 @@ class BarTemperature(Effect):
         return list(cls().at_time_constants(campaign))
 
     def applies(self, run: Run) -> bool:
-        return super().applies(run) and "ball_bar" in run.instrument
+        return super().applies(run) and has_bar(run)
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         longest = max([1.0, *(float(run.time[-1]) for run in campaign.runs if run.has_clock)])

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.special import gammaincc
 
 from symfive.identify._result import Identification
+from symfive.instruments import has_bar
 from symfive.parameters import parameter_words
 
 TENSE = 1e-3
@@ -96,7 +97,7 @@ def _setup(fit: Identification, worst: Tension) -> str:
     """What a set-up may have wrong: an uncalibrated bar reads like a scale error of both axes of its circle."""
     if worst.worst.endswith((".clock", ".clock_drift")):
         return "the angles or times of the recording (clock_sigma_ms in campaign.toml)"
-    bar = any("ball_bar" in run.instrument for run in fit.model.campaign.runs)
+    bar = any(has_bar(run) for run in fit.model.campaign.runs)
     where = "where balls and nests stand (table_ball, tool_ball"
     return f"{where}{') and how long the bar is (length' if bar else ''}; setup_sigma_um in campaign.toml)"
 

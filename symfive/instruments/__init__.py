@@ -29,8 +29,8 @@ from symfive.runs import Column, Run
 
 __all__ = [
     "INSTRUMENTS", "ZERO_SIGMA_UM", "BallInstrument", "Column", "Instrument", "ball_instrument", "check_mounting", "columns_of",
-    "fitted_parts", "has_clock_of_its_own", "has_post", "instruments_of", "mounted", "setup_parameter", "setup_vector",
-    "touches_of", "vector_constants",
+    "fitted_parts", "has_bar", "has_clock_of_its_own", "has_post", "instruments_of", "mounted", "positioning_instrument",
+    "setup_parameter", "setup_vector", "touches_of", "vector_constants",
 ]  # fmt: skip
 
 _ALL = (
@@ -70,6 +70,16 @@ def ball_instrument(run: Run) -> BallInstrument | None:
 def has_post(run: Run) -> bool:
     """Whether a ball or a nest on a post stands on the table in a run."""
     return any(instrument.on_a_post for instrument in instruments_of(run))
+
+
+def has_bar(run: Run) -> bool:
+    """Whether a bar joins the two balls in a run."""
+    return any(instrument.bar for instrument in instruments_of(run))
+
+
+def positioning_instrument(run: Run) -> str | None:
+    """The instrument of a run that compares the positions of one axis with their targets."""
+    return next((instrument.name for instrument in instruments_of(run) if instrument.positions), None)
 
 
 def columns_of(run: Run, machine: Machine) -> tuple[Column, ...]:

@@ -47,6 +47,10 @@ class Instrument:
     """Whether it reads where `tool_ball` is in the workpiece frame, so that its poses are drawn."""
     vectors: ClassVar[tuple[str, ...]] = ()
     """Fields of a run whose components enter its reading as `constants`, as `table_ball`."""
+    bar: ClassVar[bool] = False
+    """Whether a bar of the run's `length` joins the two balls."""
+    positions: ClassVar[bool] = False
+    """Whether it compares the positions of the run's `axis` with their targets (ISO 230-2)."""
     numbers: ClassVar[tuple[str, ...]] = ()
     """Options that enter its reading as `constants` only: runs that differ in these share one function."""
     imported: ClassVar[tuple[tuple[str, str, str], ...]] = ()

@@ -24,6 +24,7 @@ class BallBar(BallInstrument):
     name = "ball_bar"
     stands = "table ball"
     seated = "bar"
+    bar = True
     limit = "bar_stroke"
     imported = (("dL", "um", "um"),)
 

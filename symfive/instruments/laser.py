@@ -28,6 +28,7 @@ class Laser(Instrument):
     """
 
     name = "laser"
+    positions = True
     vectors = ("table_ball", "tool_ball")
     imported = (("dev", "um", "urad"),)
 

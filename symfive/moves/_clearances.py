@@ -11,7 +11,7 @@ import numpy as np
 from symfive.arrays import Array
 from symfive.campaign import Run
 from symfive.compiled import Mapped
-from symfive.instruments import has_post
+from symfive.instruments import has_bar, has_post
 from symfive.kinematics import ball_in_workpiece, chain_poses
 from symfive.machine import Machine
 from symfive.moves._bodies import (
@@ -46,7 +46,7 @@ class Clearances:
         axis = workpiece.rotation.T @ spindle.rotation[:, 2]
         self._frame = Mapped(ca.Function("frame", [q], [ca.densify(place), ca.densify(axis)]))
         self.machine, self.table_ball = machine, np.asarray(run.table_ball, dtype=float)
-        self.bar, self.stands = "ball_bar" in run.instrument, has_post(run)
+        self.bar, self.stands = has_bar(run), has_post(run)
         workspace = machine.workspace
         self.probe = "touch_probe" in run.instrument
         self.end = "tip" if self.probe else "tool ball" if self.bar else ""

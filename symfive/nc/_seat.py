@@ -10,7 +10,7 @@ import numpy as np
 from symfive.arrays import Array, Indices
 from symfive.campaign import FIRST_LINE, Run
 from symfive.errors import InputError
-from symfive.instruments import instruments_of
+from symfive.instruments import has_bar, instruments_of
 from symfive.machine import Machine
 from symfive.procedures import Nominal
 
@@ -41,7 +41,7 @@ class Seat:
         self.machine, self.run, self.nominal = machine, run, nominal
         self.names, self.following = machine.axis_names, nominal.following()
         self.places = nominal.ball(run.commands, run.tool_ball)
-        self.bar = "ball_bar" in run.instrument
+        self.bar = has_bar(run)
 
     def blocks(self, legs: Sequence[Leg], centred: bool) -> list[tuple[Array, Array, Array]]:
         """Straight blocks of every leg: positions (n, axes) and places (n, 3) at the ends of n equal blocks, and the path of the

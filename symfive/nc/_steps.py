@@ -10,6 +10,7 @@ import numpy as np
 from symfive.arrays import Array
 from symfive.campaign import Run
 from symfive.errors import InputError
+from symfive.instruments import has_bar
 from symfive.machine import Machine
 from symfive.nc._arc import circle_of
 from symfive.nc._base import Step
@@ -65,7 +66,7 @@ def _goes_on(machine: Machine, before: Run, run: Run) -> bool:
     alike = (before.instrument, before.table_ball, before.tool_ball, before.length)
     if a is None or b is None or alike != (run.instrument, run.table_ball, run.tool_ball, run.length):
         return False
-    if "ball_bar" not in run.instrument or (a.plane, a.centre, a.radius) != (b.plane, b.centre, b.radius):
+    if not has_bar(run) or (a.plane, a.centre, a.radius) != (b.plane, b.centre, b.radius):
         return False
     there, here = pulled_out(before, a, before.rows - 1), pulled_out(run, b, 0)
     return all(abs(there[name] - here[name]) < STANDSTILL for name in here)

@@ -20,7 +20,7 @@ import numpy as np
 
 from symfive.arrays import Array
 from symfive.campaign import Run
-from symfive.instruments import Instrument, instruments_of
+from symfive.instruments import Instrument, has_bar, instruments_of
 from symfive.machine import Machine
 from symfive.nc._arc import circle_of
 from symfive.nc._base import Step
@@ -63,7 +63,7 @@ class Writer:
         self.plane = [name for name in self.names if name not in (*self.rotary, self.upright)]
         self.seat = Seat(machine, run, self.nominal)
         self.places = self.seat.places
-        self.bar = "ball_bar" in run.instrument
+        self.bar = has_bar(run)
         self.seated = self.centred = False
         self.frame: tuple[Array, Array] | None = None
         self.least_lift = LEAST_LIFT_MM

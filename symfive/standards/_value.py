@@ -14,6 +14,7 @@ import numpy as np
 from symfive.campaign import Run
 from symfive.disk import release
 from symfive.errors import InputError
+from symfive.instruments import positioning_instrument
 from symfive.machine import Machine
 from symfive.numbers import plain_number, rounded, unit_words
 
@@ -164,7 +165,7 @@ def place_of(machine: Machine, run: Run) -> dict[str, str]:
     moving = moved(run)
     standing = [f"{n} {plain_number(run.commands[n][0])}" for n in machine.axis_names if n not in moving]
     place = {"axes moved": ", ".join(n for n in machine.axis_names if n in moving) or "none"}
-    if "laser" not in run.instrument:
+    if not positioning_instrument(run):
         place["centre"] = f"({_listed(run.table_ball)}) mm in the workpiece frame"
     place["tool reference"] = f"({_listed(run.tool_ball)}) mm in the tool frame"
     return place | ({"axes at rest": f"{', '.join(standing)} (mm, °)"} if standing else {})

@@ -23,6 +23,7 @@ import numpy as np
 
 from symfive.arrays import Array
 from symfive.campaign import Campaign, Run
+from symfive.instruments import positioning_instrument
 from symfive.numbers import unit_words
 from symfive.standards._value import COVERAGE, NOISE_ALONE, StandardValue, place_of
 
@@ -86,13 +87,16 @@ def positioning_values(campaign: Campaign) -> tuple[StandardValue, ...]:
     groups = {id: group for group in campaign.repeats for id in group}
     tests = dict.fromkeys(
         groups.get(run.id, (run.id,)) for run in campaign.runs
-        if run.measured and not run.dynamic and "laser" in run.instrument
+        if run.measured and not run.dynamic and positioning_instrument(run)
     )  # fmt: skip
     return tuple(value for ids in tests for value in _of_test(campaign, [campaign.run(id) for id in ids]))
 
 
 def _of_test(campaign: Campaign, runs: Sequence[Run]) -> list[StandardValue]:
-    axis, noise = campaign.machine.axes[str(runs[0].options["axis"])], runs[0].noise("laser")
+    axis, noise = (
+        campaign.machine.axes[str(runs[0].options["axis"])],
+        runs[0].noise(positioning_instrument(runs[0]) or ""),
+    )
     unit = "urad" if axis.rotary else "um"
     data = approaches_of(runs, axis.name, unit)
     ids = tuple(run.id for run in runs)

@@ -23,8 +23,8 @@ import numpy as np
 
 from symfive.arrays import Array, Flags
 from symfive.campaign import Campaign, Run
-from symfive.circles import Circle, CircleFinder, grouped
-from symfive.instruments import columns_of
+from symfive.circles import INSTRUMENTS, Circle, CircleFinder, grouped
+from symfive.instruments import columns_of, has_bar
 from symfive.numbers import plain_number
 from symfive.standards._value import COVERAGE, StandardValue, moved, place_of
 
@@ -193,8 +193,8 @@ def _limits(circle: Circle, angle: Array) -> tuple[str, ...]:
 
 
 def _noise(run: Run) -> float:
-    return run.noise(next(name for name in run.instrument if name in ("ball_bar", "grid_encoder")))
+    return run.noise(next(name for name in run.instrument if name in INSTRUMENTS))
 
 
 def _length(run: Run) -> float:
-    return run.setup_sigma_um.length if "ball_bar" in run.instrument else 0.0
+    return run.setup_sigma_um.length if has_bar(run) else 0.0
