@@ -17,6 +17,7 @@ import numpy as np
 
 from symfive.arrays import Array
 from symfive.campaign import Campaign, Run
+from symfive.codegen._entry import COVERAGE
 from symfive.effects import Effect, baseline_effects
 from symfive.errors import InputError
 from symfive.given import machine_or_model_given
@@ -70,6 +71,11 @@ class Subject:
         return frozenset(
             (kind, name) for kind, table in parts.items() for name, value in table.items() if ca.depends_on(value, own)
         )
+
+    def expanded(self, slope: Array) -> Array:
+        """Expanded uncertainties (n,) of numbers with these derivatives (n, k) by the parameters, of measured ones."""
+        assert self.covariance is not None
+        return np.asarray(COVERAGE * np.sqrt(np.einsum("ik,kl,il->i", slope, self.covariance, slope)))
 
     def function(self) -> ca.Function:
         """(q, tool, p) → the tool's point and direction in the workpiece, and the point's derivatives by q and p: the model's own

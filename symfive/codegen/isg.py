@@ -17,7 +17,6 @@ import casadi as ca
 import numpy as np
 
 from symfive.arrays import Array
-from symfive.codegen._entry import COVERAGE
 from symfive.codegen._subject import Subject
 from symfive.errors import InputError
 from symfive.machine import Axis, Machine
@@ -34,7 +33,7 @@ FORMAT = "{:.17g}"
 
 @dataclass(frozen=True)
 class _Errors:
-    """Location errors and their 1σ (mm, rad), the last one None where nothing was measured; per axis the names of its error
+    """Location errors and their expanded uncertainty (mm, rad), None where nothing was measured; per axis the names of its error
     motions and what gives them (k, N) mm and rad at its positions (N,) mm or degree; what the format cannot hold."""
 
     locations: Mapping[str, float]
@@ -55,9 +54,10 @@ def isg_files(subject: Subject, prefix: str) -> dict[str, str]:
         lines += [" ".join(FORMAT.format(value) for value in errors.locations.values())]
     within: list[str] = []
     if errors.spread:
-        expanded = {name: COVERAGE * std for name, std in errors.spread.items()}
-        lines.append(f"// U (k = 2) of these, from the fit alone: {' '.join(f'{u:.2g}' for u in expanded.values())}")
-        within = [name for name, u in expanded.items() if abs(errors.locations[name]) < u]
+        lines.append(
+            f"// U (k = 2) of these, from the fit alone: {' '.join(f'{u:.2g}' for u in errors.spread.values())}"
+        )
+        within = [name for name, u in errors.spread.items() if abs(errors.locations[name]) < u]
     for name, (motions, function) in errors.motions.items():
         at, values = _sampled(machine.axes[name], function)
         lines += ["#", " ".join([name, *motions])]
@@ -80,10 +80,8 @@ def _errors(subject: Subject) -> _Errors:
     value, slope = (np.asarray(part.full()) for part in number(values))
     shown = [i for i in range(len(row.location)) if subject.fitted or value[i, 0] != 0.0]
     names = list(row.location)
-    spread = None
-    if subject.covariance is not None:
-        std = np.sqrt(np.einsum("ij,jk,ik->i", slope, subject.covariance, slope))
-        spread = {names[i]: float(std[i]) for i in shown}
+    known = None if subject.covariance is None else subject.expanded(slope)
+    spread = None if known is None else {names[i]: float(known[i]) for i in shown}
     left_out = [f"{key}: {reason}" for key, reason in subject.left_out]
     left_out += [
         f"{effect.key}: changes the position of an axis or of the tool, which the format has no column for"

@@ -22,7 +22,7 @@ import numpy as np
 
 from symfive.arrays import Array
 from symfive.codegen._chain import chain_of
-from symfive.codegen._entry import COVERAGE, Change, digits_of
+from symfive.codegen._entry import Change, digits_of
 from symfive.codegen._sources import solved_axes
 from symfive.codegen._subject import Subject, table_axes
 from symfive.compiled.scalar import number
@@ -212,7 +212,7 @@ def _expanded(subject: Subject, poses: Poses, solve: Array, free: Sequence[int])
         return None
     by_p = (solve @ poses.real_by_p.reshape(solve.shape[1], -1))[: len(free)]
     found = np.zeros(4)
-    found[list(free)] = COVERAGE * np.sqrt(np.einsum("ik,kl,il->i", by_p, subject.covariance, by_p))
+    found[list(free)] = subject.expanded(by_p)
     return found
 
 

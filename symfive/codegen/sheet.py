@@ -8,14 +8,13 @@ is written that a control could load. A control is one entry of the table.
 from __future__ import annotations
 
 import html
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from symfive.arrays import Array
-from symfive.codegen._entry import COVERAGE, Change
+from symfive.codegen._entry import Change
 from symfive.codegen._sources import filled
 from symfive.codegen._subject import AxisLine, Subject, axis_lines, lines_by_parameters, table_axes
 from symfive.drawing import PAGE_STYLE
@@ -65,13 +64,14 @@ def sheet_files(subject: Subject, prefix: str, control: str) -> dict[str, str]:
     lines = axis_lines(subject)
     rows = entry.rows(lines[names[0]], lines[names[1]])
     slope = None if subject.covariance is None else _by_parameters(subject, entry, names)
+    spread = [None] * len(rows) if slope is None else subject.expanded(slope).tolist()
     notes = [
         *_not_here(subject, names, directions=any(row.unit == "1" for row in rows)),
         *entry.notes,
         *_open_parameters(subject, slope),
     ]
     page = filled(
-        "sheet.html", title=entry.title, style=PAGE_STYLE, rows=_cells(rows, _expanded(subject, slope, len(rows))),
+        "sheet.html", title=entry.title, style=PAGE_STYLE, rows=_cells(rows, spread),
         notes="".join(f"<li>{html.escape(n)}</li>" for n in notes), machine=html.escape(subject.machine.name),
         structure=html.escape(subject.machine.structure.code), digest=subject.digest,
         values=IDENTIFIED if subject.fitted else NOT_MEASURED,
@@ -123,14 +123,6 @@ def _by_parameters(subject: Subject, entry: Control, names: tuple[str, str]) -> 
 
     by_lines = np.array([at(unit) for unit in np.eye(12)]).T - at(np.zeros(12))[:, None]
     return np.asarray(by_lines @ lines_by_parameters(subject, names))
-
-
-def _expanded(subject: Subject, slope: Array | None, count: int) -> list[float] | list[None]:
-    """Expanded uncertainty of every row's change; None of each where nothing was measured."""
-    if slope is None or subject.covariance is None:
-        return [None] * count
-    variance = np.einsum("ik,kl,il->i", slope, subject.covariance, slope)
-    return [COVERAGE * math.sqrt(v) for v in variance]
 
 
 def _not_here(subject: Subject, axes: Sequence[str], *, directions: bool) -> list[str]:
