@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from lean import without_drives
 from test_procedures import SHARED, offset_of
 
 from symfive.campaign import read_campaign
@@ -211,11 +212,7 @@ def test_resting_bar_on_the_axis(name, axis, arrangement):
 
 def test_resting_circle_sees_what_paper_1_says():
     """(14)-(15): with the tool ball on C at height h, dR = ±[(x_c + h beta_c) cos c + (y_c - h alpha_c) sin c]."""
-    data = machine_to_data(preset("wang-li-2016"))
-    for axis in data["axes"].values():
-        axis.pop("drive")
-    machine = machine_from_data(data)
-    h = 120.0
+    machine, h = without_drives(preset("wang-li-2016")), 120.0
     runs = rotary_circle(machine, axis="C", linear="standing", table_ball=(100.0, 0.0, h), direction="ccw")
     plan = campaign_of(machine, runs)
     model = Model(plan)
