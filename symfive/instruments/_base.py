@@ -13,6 +13,10 @@ from symfive.machine import Machine
 from symfive.parameters import Parameter
 from symfive.runs import Column, Run
 
+__all__ = [  # beside what stands here, what every instrument is written with
+    "BallInstrument", "Column", "Instrument", "Machine", "Parameter", "Run",
+]  # fmt: skip
+
 if TYPE_CHECKING:
     from symfive.motion import Signal
     from symfive.row import Row

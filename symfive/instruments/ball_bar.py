@@ -9,10 +9,7 @@ import numpy as np
 
 from symfive.arrays import Array
 from symfive.errors import InputError
-from symfive.instruments._base import BallInstrument, setup_parameter, setup_vector
-from symfive.machine import Machine
-from symfive.parameters import Parameter
-from symfive.runs import Column, Run
+from symfive.instruments._base import BallInstrument, Column, Machine, Parameter, Run, setup_parameter, setup_vector
 
 if TYPE_CHECKING:
     from symfive.row import Row

@@ -10,10 +10,7 @@ import numpy as np
 
 from symfive.arrays import Array, Flags
 from symfive.errors import InputError
-from symfive.instruments._base import Instrument
-from symfive.machine import Machine
-from symfive.parameters import Parameter
-from symfive.runs import Column, Run
+from symfive.instruments._base import Column, Instrument, Machine, Parameter, Run
 
 if TYPE_CHECKING:
     from symfive.motion import RunMotion, Series, Signal

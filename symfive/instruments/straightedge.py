@@ -5,10 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from symfive.errors import InputError
-from symfive.instruments._base import ZERO_SIGMA_UM, Instrument, setup_parameter
-from symfive.machine import Machine
-from symfive.parameters import Parameter
-from symfive.runs import Column, Run
+from symfive.instruments._base import ZERO_SIGMA_UM, Column, Instrument, Machine, Parameter, Run, setup_parameter
 
 if TYPE_CHECKING:
     from symfive.row import Row
