@@ -170,6 +170,16 @@ def one_axis(name: str, code: str, axis: str, travel: tuple[float, float] = (-36
     return Machine(name=name, structure=Structure.parse(code), axes={axis: make_axis(axis, travel=travel)})
 
 
+def linear_axes(name: str, travels: Mapping[str, tuple[float, float]]) -> Machine:
+    """A machine of linear axes with these travels in mm, the scale of each an error of prior 1σ 200 µm."""
+    terms = [ErrorTerm(name=f"E{a}{a}", sigma=200.0, basis=("polynomial",), order=(1,)) for a in travels]
+    return Machine(
+        name=name, structure=Structure.parse(f"w b {' '.join(travels)} t"),
+        axes={axis: make_axis(axis, travel=travel) for axis, travel in travels.items()},
+        errors={term.name: term for term in terms},
+    )  # fmt: skip
+
+
 def serial_chain(
     name: str, axes: Mapping[str, tuple[Vector, Vector]], *, sigma: tuple[float, float] | None = None,
     linear: Mapping[str, tuple[float, float]] | None = None, travel: tuple[float, float] = (-360.0, 360.0),

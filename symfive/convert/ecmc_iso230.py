@@ -5,9 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from symfive.campaign import Campaign
-from symfive.convert._files import files, positive_name
+from symfive.convert._files import files, linear_axes, positive_name
 from symfive.convert._iso230 import iso230_run
-from symfive.machine import ErrorTerm, Machine, Structure, make_axis
 
 MARGIN_MM = 5.0  # beyond the outermost positions: the travel is not recorded
 
@@ -20,10 +19,5 @@ def ecmc_iso230(folder: Path) -> Campaign:
     )
     low = min(float(run.commands["X"].min()) for run in runs)
     high = max(float(run.commands["X"].max()) for run in runs)
-    machine = Machine(
-        name="ecmc linear axis",
-        structure=Structure.parse("w b X t"),
-        axes={"X": make_axis("X", travel=(low - MARGIN_MM, high + MARGIN_MM))},
-        errors={"EXX": ErrorTerm(name="EXX", sigma=200.0, basis=("polynomial",), order=(1,))},
-    )
+    machine = linear_axes("ecmc linear axis", {"X": (low - MARGIN_MM, high + MARGIN_MM)})
     return Campaign(machine=machine, runs=runs, name="ecmc-iso230")

@@ -14,10 +14,9 @@ import numpy as np
 
 from symfive.arrays import Array
 from symfive.campaign import Campaign, Run
-from symfive.convert._files import Log, files, positive_name, read_log
+from symfive.convert._files import Log, files, linear_axes, positive_name, read_log
 from symfive.convert._iso230 import iso230_axis, iso230_run
 from symfive.errors import InputError
-from symfive.machine import ErrorTerm, Machine, Structure, make_axis
 
 AXES = ("X", "Y", "Z")
 NOISE_UM = 0.4  # of the laser: one digit is 0.408 µm
@@ -35,12 +34,7 @@ def ess_xyz(folder: Path) -> Campaign:
       true times;
     - every `*.log` once more as a dynamic run `…-scan`: the laser's rows, the motor resolver as the command.
     """
-    machine = Machine(
-        name="ESS target drive unit",
-        structure=Structure.parse("w b X Y Z t"),
-        axes={name: make_axis(name, travel=(-30.0, 30.0)) for name in AXES},
-        errors={f"E{a}{a}": ErrorTerm(name=f"E{a}{a}", sigma=200.0, basis=("polynomial",), order=(1,)) for a in AXES},
-    )
+    machine = linear_axes("ESS target drive unit", dict.fromkeys(AXES, (-30.0, 30.0)))
     runs: list[Run] = []
     for path in sorted(folder.glob("*_ISO230.dat")):
         runs.append(iso230_run(path, positive_name(path.name.split(".")[0]), iso230_axis(path), AXES, NOISE_UM))
