@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -14,9 +14,7 @@ from symfive.effects import AXIS, BALL, CARRIED, FORCE, READING, TOOL, Effect, F
 from symfive.instruments.drive_force import DriveForce, driven_axis
 from symfive.model import Linearisation, Model
 from symfive.parameters import Parameter
-
-if TYPE_CHECKING:
-    from symfive.row import Row
+from symfive.row import Row
 
 __all__ = ["Channel", "Compressed", "channel_of", "compressed", "probes", "tangent"]
 
