@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -14,6 +15,8 @@ UNIT_SCALE = {
 }  # fmt: skip
 """Internal value (mm, rad, s) = scale × value in the file unit; units not listed are the same inside."""
 
+SHOWN_OWNERS = 4
+"""Runs or mountings that are named of one quantity, at most."""
 DETERMINED = 2.0**-0.5
 """The readings determine a parameter whose 1σ is below this share of its prior 1σ."""
 
@@ -24,7 +27,7 @@ class Parameter:
 
     `kind` is `location_error`, `error_motion`, `setup`, `drive`, `instrument` or `effect`; `run` the run or `mounting` the
     mounting of several runs that it belongs to (both None: the machine); `start` where estimation begins if not at the prior
-    mean.
+    mean; `called` in words, where its name does not say it.
     """
 
     name: str
@@ -37,6 +40,19 @@ class Parameter:
     run: str | None = None
     mounting: str | None = None
     start: float | None = None
+    called: str = field(default="", compare=False)
+
+    @property
+    def what(self) -> str:
+        """What it is, in words, without its run: `backlash of axis X (width)`, `EX0C`, `tool ball x`."""
+        if self.called or not self.of_setup:
+            return self.called or self.name
+        return self.quantity.replace("_", " ").replace(".", " ")
+
+    @property
+    def words(self) -> str:
+        """What it is, in a sentence: of set-up as `tool ball x of run nest1` or `… of mounting A`."""
+        return said_together([self])[0]
 
     @property
     def scale(self) -> float:
@@ -73,9 +89,16 @@ class Parameter:
         return self.mean if self.start is None else self.start
 
 
-def parameter_words(name: str) -> str:
-    """A parameter's name in a sentence: of set-up as `tool ball x of run nest1` or `… of mounting A`, any other as it is."""
-    kind, _, rest = name.partition(".")
-    owner, _, quantity = rest.partition(".")
-    whose = {"setup": "run", "mounting": "mounting"}.get(kind)
-    return f"{quantity.replace('_', ' ').replace('.', ' ')} of {whose} {owner}" if whose and quantity else name
+def said_together(parameters: Iterable[Parameter]) -> list[str]:
+    """Parameters in a sentence; those that differ in their run alone together, as `tool ball x of runs nest1 and nest2`."""
+    owners: dict[tuple[str, str], list[str]] = {}
+    for p in parameters:
+        kind = "" if not p.of_setup else "run" if p.mounting is None else "mounting"
+        owners.setdefault((p.what, kind), []).append(str(p.owner))
+    said = []
+    for (what, kind), names in owners.items():
+        more = len(names) - SHOWN_OWNERS + 1
+        *first, last = names if more < 2 else [*names[: SHOWN_OWNERS - 1], f"{more} more"]
+        whose = f" of {kind}{'s' if first else ''} {', '.join(first)}{' and ' if first else ''}{last}"
+        said.append(what + (whose if kind else ""))
+    return said

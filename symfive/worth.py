@@ -16,7 +16,7 @@ p it is worth nothing where vᵀ C⁻¹ v is below the 95.45 % quantile of χ²,
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -31,7 +31,7 @@ from symfive.identify import Identification
 from symfive.machine import Machine
 from symfive.model import Model
 from symfive.numbers import percent
-from symfive.parameters import parameter_words
+from symfive.screen import aligned
 
 __all__ = [
     "DO_NOT", "LONGEST", "Worth", "effect_worth", "effect_worths", "location_worths", "signed", "worth_of", "worth_text",
@@ -58,8 +58,8 @@ class Worth:
     """The worth of correcting `names`: `circles` run → share of the deviation of each circle, `readings` that of all readings
     together, `tool` that of the error at the tool in the workspace, None where it is not there; `certain` whether it is larger
     than its uncertainty; `confounded` what it cannot be separated from, of the machine and, `by_setup`, of the set-up;
-    `of_machine`: whether it is an error of the machine, not of the instrument or the set-up; `explained`: whether the model
-    explains the readings down to their noise."""
+    `words` says them in words; `of_machine`: whether it is an error of the machine, not of the instrument or the set-up;
+    `explained`: whether the model explains the readings down to their noise."""
 
     names: tuple[str, ...]
     circles: Mapping[str, float]
@@ -70,6 +70,7 @@ class Worth:
     of_machine: bool = True
     by_setup: tuple[str, ...] = ()
     explained: bool = True
+    words: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def advice(self) -> str:
@@ -79,14 +80,20 @@ class Worth:
         if not self.certain:
             return DO_NOT
         if self.confounded:
-            return f"correct only together with {', '.join(self.confounded[:4])}: these readings cannot separate them"
+            others = ", ".join(map(self._said, self.confounded[:4]))
+            return f"correct only together with {others}: these readings cannot separate them"
         if self.tool is not None and self.tool < -NOTHING:
             return "do not correct alone: it compensates for another error"
         if self.tool is not None and self.tool < NOTHING:
             return "no gain at the tool"
         if self.by_setup:
-            return f"correct if {parameter_words(self.by_setup[0])} is known to its 1σ: the readings alone do not separate them"
+            return (
+                f"correct if {self._said(self.by_setup[0])} is known to its 1σ: the readings alone do not separate them"
+            )
         return "correct" if self.explained else "correct, then measure again: the model does not explain the readings"
+
+    def _said(self, name: str) -> str:
+        return self.words.get(name, name)
 
     def to_data(self) -> dict[str, Any]:
         """As JSON."""
@@ -162,7 +169,7 @@ def _worth(
         names, shares, _share(*squares), tool, _certain(identification, names),
         confounded=tuple(name for name in others if name in shared),
         by_setup=tuple(name for name in others if name not in shared),
-        explained=identification.fits != "no",
+        explained=identification.fits != "no", words={p.name: p.words for p in identification.parameters if p.name in others},
     )  # fmt: skip
 
 
@@ -301,13 +308,20 @@ def _spread(count: int, over: int) -> Array:
 
 
 def worth_text(worths: Sequence[Worth], most: int = 12) -> str:
-    """A line for each: the share removed in the readings and at the tool, and whether to correct it; "" where there is none."""
+    """A line for each: how much less rms the readings and the tool have with it, and whether to correct it; "" where there is
+    none."""
     rows = [
-        f"  {', '.join(worth.names[:2])}: {signed(worth.readings)} of the readings' deviation, "
-        f"{'no part' if worth.tool is None else signed(worth.tool)} of the error at the tool; {worth.advice}"
+        (
+            ", ".join(worth.names[:2]),
+            signed(worth.readings),
+            "–" if worth.tool is None else signed(worth.tool),
+            worth.advice,
+        )
         for worth in worths[:most]
     ]
-    return "\n".join(["Worth of each correction alone:", *rows]) if rows else ""
+    head = ("correction", "readings", "tool", "advice")
+    said = "How much each correction alone lowers the rms of the readings and the error at the tool (negative: raises):"
+    return "\n".join([said, *aligned([head, *rows], right=(1, 2))]) if rows else ""
 
 
 def signed(share: float) -> str:

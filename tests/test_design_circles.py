@@ -207,7 +207,7 @@ def test_circles_have_a_sheet(tmp_path: Path) -> None:
         "800 mm/min along the circle", "C and X move; the ball is X_T = 60.000 mm from axis C, X_T/r = 60/50 = 1.2",
         "With the tool ball there and no tool offset, the control shows X 60.000, Y 0.000, Z 210.000 mm (A 0°, C 0°)",
         "39.6 s, from rest",
-        f"as for run {first}: ", "backlash.C.width", "nc/iso/*.nc", "4580 °/min",
+        f"as for run {first}: ", "backlash of axis C (width)", "nc/iso/*.nc", "4580 °/min",
     ):  # fmt: skip
         assert words in page.words, words
     assert page.words.count("Bar of 50 mm") == 1, "the second run has the mounting of the first"
@@ -278,7 +278,7 @@ def test_a_plan_of_circles_says_units_repeats_and_what_it_cannot_see() -> None:
     assert repeat == "circle 2 is a repeat of circle 1: no other candidate adds more"
     assert re.match(r"the expected 1σ assume white noise: slow noise of 0.3 µm .* up to [2-4].* times as large", slow)
     blind = plan_circles(LEAN, DRIVE[1:], family="planar", count=1, **options)
-    assert "do not determine backlash.C.width: axis C does not move in them" in str(blind)
+    assert "do not determine backlash of axis C (width): axis C does not move in them" in str(blind)
     assert blind.to_data()["notes"] == list(blind.notes) and blind.notes[0].startswith("WARNING: ")
 
 

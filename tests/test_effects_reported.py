@@ -12,7 +12,7 @@ from effects_world import CASES, around, campaign, every_case, model_of, polar
 from laser_world import laser_run
 
 from symfive.campaign import Campaign, Run, read_campaign
-from symfive.effects import EFFECTS, VOCABULARY, Quantity, make_effect
+from symfive.effects import EFFECTS, VOCABULARY, Quantity, form_words, make_effect
 from symfive.errors import InputError
 from symfive.machine import Machine, Structure, make_axis
 from symfive.model import Model, effect_to_data, effects_from_data, signature
@@ -260,3 +260,14 @@ def test_a_way_since_reversal_is_also_that_of_an_axis_that_only_goes_back() -> N
     effect = make_effect("unknown", over=("X since reversal",)).prepare(plan)
     assert effect.span == ((-100.0, 100.0),)
     assert np.isfinite(effect.table(plan.machine, plan.runs)).all()
+
+
+@every_case
+def test_every_parameter_says_what_it_is_in_words(number: int) -> None:
+    """No raw name is left, two parameters of a model are never called alike, and a key says the same as the parameter."""
+    model = model_of(number)
+    said = [p.words for p in model.parameters]
+    assert len(set(said)) == len(said)
+    for p in model.parameters:
+        assert p.kind == "location_error" or not re.search(r"_|\.(?! )|\b(sin|cos|P|S)\d", p.words), p.words
+        assert p.kind != "effect" or p.of_setup or p.what == form_words(p.name, model.machine)

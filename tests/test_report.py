@@ -197,7 +197,7 @@ def test_parameters_are_drawn_a_panel_a_unit(static):
     figure = parameters_chart(static)
     assert [axes.get_xlabel() for axes in panels(figure)] == ["µm", "µrad"]
     assert "EX0C" in texts(figure) and "prior ±1σ" in texts(figure)
-    assert "nest1.zero.x" in texts(parameters_chart(static, setup=True))
+    assert "zero x of run nest1" in texts(parameters_chart(static, setup=True))
 
 
 def test_spectrum_is_over_frequency_and_order(planar, static):
@@ -302,12 +302,12 @@ def test_report_escapes_what_users_wrote(small, tmp_path):
     object.__setattr__(evil, "id", "<b onclick=alert(2)>$x^$</b>")  # the reader would refuse it
     campaign = replace(campaign, machine=machine, name=HOSTILE, notes=(HOSTILE,), runs=(evil, campaign.runs[1]))
     result = identify(campaign, noise="declared")
-    odd = Confounding((result.parameters[0].name, HOSTILE), (1.0, 1.0), 0.0, True)
+    odd = Confounding((replace(result.parameters[0], called=HOSTILE),), (1.0,), 0.0, True)
     result = replace(
         result,
         outliers=(Outlier(evil.id, 3, "dL_um", 12.0, 30.0),),
         notes=(HOSTILE,),
-        confounded=(replace(odd, names=(result.parameters[0].name,)),),
+        confounded=(odd,),
     )
     text = identification_report(result, tmp_path).read_text()
     page = Page(text)

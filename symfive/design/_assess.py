@@ -88,7 +88,7 @@ class Assessment(OnScreen):
         """Expected and prior 1σ, the terms of one error motion on one line."""
         sigma, lines = self.sigma, []
         shown = (p for p in self.parameters if p.kind != "setup")
-        for name, group in groupby(shown, lambda p: p.name.partition(".")[0] if p.kind == "error_motion" else p.name):
+        for name, group in groupby(shown, lambda p: p.name.partition(".")[0] if p.kind == "error_motion" else p.what):
             terms = list(group)
             spread = [sigma[p.name] for p in terms]
             said = [plain_number(value, terms[0].unit) for value in (min(spread), max(spread))]

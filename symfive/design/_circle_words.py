@@ -48,7 +48,7 @@ def sigma_words(parameters: Sequence[Parameter], sigma: Mapping[str, float]) -> 
     """Of every parameter sought the 1σ expected after the measurement, with its unit, and that before."""
     head = ["expected 1σ after the measurement (prior):"] if parameters else []
     return head + [
-        f"  {p.name:36} {plain_number(sigma[p.name], p.unit):>8} {unit_words(p.unit)} ({plain_number(p.sigma)})"
+        f"  {p.what:36} {plain_number(sigma[p.name], p.unit):>8} {unit_words(p.unit)} ({plain_number(p.sigma)})"
         for p in parameters
     ]
 
@@ -114,7 +114,7 @@ def slow_noise_words(campaign: Campaign, effects: Sequence[Effect], sought: Sequ
         return []
     return [
         f"the expected 1σ assume white noise: slow noise of {white:g} µm ({SLOW_S:g} s) and the drives' priors in the machine "
-        f"file make them up to {there[worst.name] / here[worst.name]:.2g} times as large ({worst.name})"
+        f"file make them up to {there[worst.name] / here[worst.name]:.2g} times as large ({worst.words})"
     ]
 
 
@@ -128,12 +128,12 @@ def warnings_of(
         for i, shape in enumerate(shapes)
         if shapes.index(shape) < i
     ]
-    unseen = [p.name for p in parameters if sigma[p.name] > UNSEEN * p.sigma]
+    unseen = [p for p in parameters if sigma[p.name] > UNSEEN * p.sigma]
     moving = {name for c in circles for run in c.runs for name, q in run.commands.items() if np.ptp(q) > STILL}
-    for name in unseen:
-        idle = [e.axis for e in effects if e.axis and name.startswith(f"{e.key}.") and e.axis not in moving]
+    for p in unseen:
+        idle = [e.axis for e in effects if e.axis and p.name.startswith(f"{e.key}.") and e.axis not in moving]
         why = f"axis {idle[0]} does not move in them" if idle else "its 1σ stays near the prior"
         notes.append(
-            f"WARNING: these circles do not determine {name}: {why}; use another family of circles or another test"
+            f"WARNING: these circles do not determine {p.words}: {why}; use another family of circles or another test"
         )
     return notes

@@ -111,7 +111,7 @@ def uncertainty_figure(plan: Plan) -> Figure:
     y = np.arange(len(parameters))
     panel.barh(y, [p.sigma for p in parameters], color="0.88", label="prior")
     panel.barh(y, [sigma[p.name] for p in parameters], color="#1d6996", height=0.5, label="after the plan")
-    panel.set_yticks(y, [f"{p.name} ({unit_words(p.unit)})" for p in parameters], fontsize=7)
+    panel.set_yticks(y, [f"{p.what} / {unit_words(p.unit)}" for p in parameters], fontsize=7)
     panel.set_xscale("log")
     panel.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     panel.minorticks_off()

@@ -69,14 +69,14 @@ def _counts_on(campaign: Campaign, expected: Assessment, given: Campaign | None)
     sigma = assess(staying, given=given).sigma
     ratio = {p.name: sigma[p.name] / expected.sigma[p.name] for p in expected.parameters if not p.of_setup}
     name = max(ratio, key=lambda name: ratio[name])
-    unit = next(p.unit for p in expected.parameters if p.name == name)
-    before, after = with_unit(expected.sigma[name], unit), with_unit(sigma[name], unit)
+    worst = next(p for p in expected.parameters if p.name == name)
+    before, after = with_unit(expected.sigma[name], worst.unit), with_unit(sigma[name], worst.unit)
     if before == after:
         return []
     first = campaign.runs[0]
     what = "tool ball and bar are remounted" if first.length is not None else "the tool ball is remounted"
     what = "the probe is calibrated again" if "touch_probe" in first.instrument else what
-    return [f"the expected 1σ assume that {what} for every run; otherwise 1σ of {name} is {after}, not {before}"]
+    return [f"the expected 1σ assume that {what} for every run; otherwise 1σ of {worst.words} is {after}, not {before}"]
 
 
 def _rounding_notes(space: Space, schedule: Schedule) -> list[str]:

@@ -289,7 +289,7 @@ def _expected(assessment: Assessment) -> dict[str, Any]:
         for axis, number in assessment.valuation.items()
     ]
     errors = [
-        (p.name, plain_number(sigma[p.name], p.unit), plain_number(p.sigma, p.unit), unit_words(p.unit))
+        (p.what, plain_number(sigma[p.name], p.unit), plain_number(p.sigma, p.unit), unit_words(p.unit))
         for p in assessment.parameters
         if p.kind in ("effect", "location_error")
     ]

@@ -24,7 +24,6 @@ from scipy.stats import chi2, f
 from symfive.arrays import Array, Indices
 from symfive.campaign import Campaign
 from symfive.diagnose._groups import partitions
-from symfive.effects import form_words
 from symfive.identify import Identification, identify, tensions
 from symfive.numbers import with_std
 from symfive.screen import OnScreen
@@ -227,8 +226,7 @@ def _disagreements(fit: Identification, grams: Mapping[str, _Gram]) -> tuple[lis
                 one = _one(fit, i, parts, inverse, a)
                 if one is not None:
                     log_p, values = one
-                    words = form_words(parameter.name, fit.model.machine)
-                    found.append(Disagreement(parameter.name, words, parameter.unit, between, values, log_p))
+                    found.append(Disagreement(parameter.name, parameter.words, parameter.unit, between, values, log_p))
     comparisons = len(found)
     corrected = [replace(d, log_p=min(0.0, d.log_p + float(np.log(comparisons)))) for d in found]
     return sorted(corrected, key=lambda d: d.log_p), comparisons

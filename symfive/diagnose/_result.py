@@ -331,8 +331,8 @@ class Diagnosis(OnScreen):
         names = sorted((name for name in beyond if beyond[name] > 2.0), key=lambda name: -beyond[name])
         if not names:
             return ()
-        units = {p.name: p.unit for p in fit.parameters}
-        said = [f"{name} {with_std(fit[name], fit.uncertainty(name), units[name])}" for name in names[:SHOWN_ERRORS]]
+        shown = [fit.parameters[fit.model.index[name]] for name in names[:SHOWN_ERRORS]]
+        said = [f"{p.what} {with_std(fit[p.name], fit.uncertainty(p.name), p.unit)}" for p in shown]
         more = f" and {len(names) - len(said)} more (symfive identify)" if len(names) > len(said) else ""
         return (f"Geometry identified beyond 2σ: {', '.join(said)}{more}.",)
 

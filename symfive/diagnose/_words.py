@@ -152,8 +152,8 @@ def _moves(finding: Finding, after: Identification) -> list[str]:
     """How the geometry changes with it in the model, as `EX0C 4.61 → 3.75 ± 0.06 µm`."""
     said = []
     for name, (old, new) in finding.moved.items():
-        std, unit = after.uncertainty(name), after.parameters[after.model.index[name]].unit
-        said.append(f"{name} {rounded(old, std, unit)} → {with_std(new, std, unit)}")
+        std, p = after.uncertainty(name), after.parameters[after.model.index[name]]
+        said.append(f"{p.what} {rounded(old, std, p.unit)} → {with_std(new, std, p.unit)}")
     return said
 
 

@@ -25,8 +25,8 @@ from symfive.effects._form import (
     moving,
     reversing,
 )
-from symfive.effects._quantity import Quantity
-from symfive.effects._words import coordinate_words, effect_words, fits, form_words
+from symfive.effects._quantity import Quantity, amplitude_and_phase, length_spread
+from symfive.effects._words import coordinate_words, effect_words, fits, key_words
 from symfive.effects.axis_growth import AxisGrowth
 from symfive.effects.axis_turn import AxisTurn
 from symfive.effects.backlash import Backlash
@@ -70,10 +70,10 @@ from symfive.files import shown
 from symfive.machine import Machine
 
 __all__ = [
-    "AXIS", "BALL", "CARRIED", "EFFECTS", "FORCE", "LINKS", "READING", "STAGES", "TOOL", "VOCABULARY", "Effect",
-    "Form", "Quantity", "Scan", "Tone", "Unknown", "Varying", "across", "baseline_effects", "columns_read", "component_of",
-    "coordinate_values", "coordinate_words", "effect_words", "form_words", "location_of", "make_effect", "moving",
-    "reversing",
+    "AXIS", "BALL", "CARRIED", "EFFECTS", "FORCE", "LINKS", "READING", "STAGES", "TOOL", "VOCABULARY", "Effect", "Form",
+    "Quantity", "Scan", "Tone", "Unknown", "Varying", "across", "amplitude_and_phase", "baseline_effects", "columns_read",
+    "component_of", "coordinate_values", "coordinate_words", "effect_words", "form_words", "length_spread", "location_of",
+    "make_effect", "moving", "reversing",
 ]  # fmt: skip
 
 _TABLE: tuple[type[Effect], ...] = (
@@ -150,6 +150,12 @@ def make_effect(effect: str, axis: str | None = None, **options: Any) -> Effect:
                 problem, remedy=f"write {name} as {known[name].type if name in known else 'the name of an axis'}"
             )
     return kind(axis=axis, **options)
+
+
+def form_words(key: str, machine: Machine) -> str:
+    """The key of a form of an effect, or the name of one of its parameters, in words: see `key_words`."""
+    effect = EFFECTS.get(key.partition(".")[0], Effect)
+    return key_words(key, machine.axis_names, effect.terms)
 
 
 def baseline_effects(machine: Machine) -> tuple[Effect, ...]:

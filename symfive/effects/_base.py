@@ -11,6 +11,7 @@ import casadi as ca
 from symfive.arrays import Array
 from symfive.effects._form import AXIS, TOOL, Begin, Form, Forms, moving
 from symfive.effects._quantity import Covariance, Quantity, Values, own_quantity
+from symfive.effects._words import key_words
 from symfive.errors import InputError
 from symfive.machine import Axis, unknown_axis
 from symfive.motion import Signal, unmoved
@@ -50,6 +51,9 @@ class Effect:
     component, a run, a shape), `choices` what they may be; `tag` distinguishes two effects of one kind and axis. A field
     `component` (`EYX`, `EA0C`) is the error to which it adds. `spread` multiplies the prior 1σ of its amplitudes.
 
+    `terms` are words for the parts of its keys and of its parameters' names that do not say by themselves what they are; with
+    `{}` in the place of the part that follows.
+
     `says` what it does, `hidden_by` what absorbs it and `action` what a service engineer does about it are sentences of the
     report, without a capital and a full stop.
 
@@ -64,6 +68,7 @@ class Effect:
     says: ClassVar[str] = ""
     hidden_by: ClassVar[str] = ""
     action: ClassVar[str] = ""
+    terms: ClassVar[tuple[tuple[str, str], ...]] = ()
     reported_as: ClassVar[str] = ""
     state: ClassVar[str] = ""
     choices: ClassVar[tuple[tuple[str, tuple[str, ...]], ...]] = ()
@@ -91,6 +96,16 @@ class Effect:
         """The axis it is about: its own, or that of its component."""
         symbol = getattr(self, "component", None)
         return symbol[2:].lstrip("0") if self.axis is None and isinstance(symbol, str) else self.axis
+
+    @property
+    def words(self) -> str:
+        """Its kind, axis and component, as `gravity sag of axis B (EXB)`."""
+        return self._called()
+
+    def _called(self, *parameter: str) -> str:
+        """It, or its parameter of this name, in words."""
+        axis = self.belongs_to
+        return key_words(".".join((self.key, *parameter)), (axis,) if axis else (), self.terms)
 
     @property
     def link(self) -> str:
@@ -237,7 +252,8 @@ class Effect:
     def own(self, name: str, unit: str, sigma: float, **more: Any) -> Parameter:
         """A parameter of this effect."""
         scale = self.spread if self.departs or more.get("mean", 0.0) == 0.0 else 1.0
-        return Parameter(name=f"{self.key}.{name}", unit=unit, sigma=scale * sigma, kind="effect", **more)
+        return Parameter(name=f"{self.key}.{name}", unit=unit, sigma=scale * sigma, kind="effect",
+                         called=self._called(name), **more)  # fmt: skip
 
     def time_constant(self, tau: float, name: str = "time_constant_s") -> Parameter:
         """A parameter for a time constant, s, that usually is about `tau`."""
@@ -274,7 +290,10 @@ class Effect:
             return ()
         name = run.full_name(self.started)
         sigma = 3.0**-0.5  # of what is equally probable in -1…+1
-        return (Parameter(name=name, unit="1", sigma=sigma, lower=-1.0, upper=1.0, kind="setup", run=run.id),)
+        return (
+            Parameter(name=name, unit="1", sigma=sigma, lower=-1.0, upper=1.0, kind="setup", run=run.id,
+                      called=self._called("start")),
+        )  # fmt: skip
 
     def its_axis(self, campaign: Campaign) -> Axis:
         return campaign.machine.axes[str(self.axis)]

@@ -111,6 +111,7 @@ class Tonal(Effect):
     """
 
     choices: ClassVar[tuple[tuple[str, tuple[str, ...]], ...]] = (("phases", ("common", "run")),)
+    terms = (("by_run", "by run"),)
     frequency_hz: float
     phases: str = "common"
 

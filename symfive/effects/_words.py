@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping, Sequence
+from functools import cache
 from numbers import Integral
 from types import NoneType, UnionType
 from typing import Any, Union, get_args, get_origin
 
-from symfive.machine import Machine
+from symfive.kinematics import function_words
 from symfive.validation import is_number
 
 _QUANTITIES = {
@@ -16,28 +18,63 @@ _QUANTITIES = {
 }  # fmt: skip
 _PLAIN = {"t": "time", "row": "the row number", "pose": "the pose", "reading": "the reading"}
 _COMPONENT = re.compile(r"E[A-CX-Z]0?(.+)")
+_AXIS, _UNIT = re.compile(r"[A-Z]\d?"), re.compile(r"_(s|ms|hz|um|deg)$")
+_SINES = {"sin": "sine", "cos": "cosine"}
+_DIRECTIONS = {**{c: f"along {c.upper()}" for c in "xyz"}, **{c: f"about {c.upper()}" for c in "abc"}}
 _REPEATED = re.compile(r"1?(\++)")
 
 
 def effect_words(effect: str, axis: str | None, component: str | None = None) -> str:
     """An effect, its axis and its component, as `gravity sag of axis B` or `error motion of axis B (EXB)`."""
-    return effect.replace("_", " ") + (f" of axis {axis}" if axis else "") + (f" ({component})" if component else "")
+    said = effect.replace("_", " ")
+    if axis:
+        said = f"{said.removeprefix('axis ')} of axis {axis}"
+    return said + (f" ({component})" if component else "")
 
 
-def form_words(key: str, machine: Machine) -> str:
-    """The key of a form, or the name of one of its parameters, in words with the symbol of its component, as `gravity sag of axis
-    B (EXB, yielding)` or `unidentified effect over the velocity of X (force)`."""
+@cache
+def key_words(key: str, axes: tuple[str, ...], terms: tuple[tuple[str, str], ...]) -> str:
+    """The key of an effect, or the name of one of its parameters, in words with the symbol of its component, as `gravity sag of
+    axis B (EXB, yielding)` or `unidentified effect over the velocity of X (force)`. `terms`: see `Effect`."""
     effect, *rest = key.split(".")
     if effect == "unknown" and rest:
         said = f"unidentified effect over {coordinate_words(rest.pop(0).replace(',', ', '))}"
     else:
         component = _COMPONENT.fullmatch(rest[0]) if rest else None
-        if rest and rest[0] in machine.axes:
+        if rest and rest[0] in axes:
             said = effect_words(effect, rest.pop(0))
         else:
-            said = effect_words(effect, component[1] if component and component[1] in machine.axes else None)
-    more = [_REPEATED.sub(lambda tag: f" no. {len(tag[1]) + 1}", word).replace("_", " ").strip() for word in rest]
-    return said + (f" ({', '.join(more)})" if more else "")
+            said = effect_words(effect, component[1] if component and component[1] in axes else None)
+    more = ", ".join(_parts(rest, dict(terms)))
+    return said + (f" ({more})" if more else "")
+
+
+def _parts(names: Sequence[str], terms: Mapping[str, str]) -> list[str]:
+    """The parts of a name, each in words; a direction and what a term speaks of join what they belong to."""
+    said, left = list[str](), list(names)
+    while left:
+        name = left.pop(0)
+        if name in _DIRECTIONS:
+            along = _DIRECTIONS[name]
+            said[-1:] = [f"{said[-1]} {along}"] if said and not _COMPONENT.fullmatch(said[-1]) else [*said[-1:], along]
+            continue
+        words = terms.get(name, f"no. {name}" if name.isdecimal() else _part(name))
+        if "{}" in words:
+            words = words.format(terms.get(left[0], _part(left.pop(0)))) if left else _part(name)
+        said.append(words)
+    return [words for words in said if words]
+
+
+def _part(name: str) -> str:
+    """One part of a name in words."""
+    if name in _SINES:
+        return _SINES[name]
+    function = function_words(name, lambda coordinate: coordinate_words(coordinate).removeprefix("the position of "))
+    if function != name:
+        return function
+    if _AXIS.fullmatch(name):
+        return f"axis {name}"
+    return _REPEATED.sub(lambda tag: f" no. {len(tag[1]) + 1}", _UNIT.sub("", name)).replace("_", " ").strip()
 
 
 def coordinate_words(coordinate: str) -> str:

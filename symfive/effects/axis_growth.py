@@ -31,6 +31,7 @@ class AxisGrowth(AxisWarming):
     says = "the axis grows as its screw or scale warms up"
     hidden_by = "a drift of the tool along the axis, where all positions are close together; the other axes' growth in a ball bar"
     action = "warm the axis up before you measure or machine; enter thermal compensation of the axis in the control"
+    terms = (("growth", ""), ("held", "fixed point"))
     coordinate = "{axis}, t"
 
     def prepare(self, campaign: Campaign) -> Self:

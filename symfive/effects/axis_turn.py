@@ -26,6 +26,7 @@ class AxisTurn(AxisWarming):
     says = "the angle of a rotary axis drifts with time"
     hidden_by = "backlash and a slow wave over the axis, where it goes through its targets once"
     action = "let axis and instrument warm up, then repeat the test"
+    terms = (("turn", ""),)
     coordinate = "t"
 
     def prepare(self, campaign: Campaign) -> Self:

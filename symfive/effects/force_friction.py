@@ -40,6 +40,13 @@ class ForceFriction(ForceEffect):
     says = "friction in the drive force"
     hidden_by = "viscous friction and mass, where an axis moves at one speed"
     action = "compare with an earlier recording; if friction has risen, check lubrication and preload"
+    terms = (
+        ("coulomb", "Coulomb"),
+        ("skew", "difference of the directions"),
+        ("along", "change along the axis"),
+        ("stribeck", "Stribeck"),
+        ("speed", "Stribeck speed"),
+    )
     coordinate = "{axis} velocity sign"
     reported_as = "friction"
     dynamic_only = True

@@ -33,6 +33,7 @@ class Friction(Effect):
     says = "friction: lag and spike at reversal"
     hidden_by = "a reversal spike of a compensation that comes too late; pre-sliding behind the drive"
     action = "check the lubrication; set the friction compensation of the control"
+    terms = (("coulomb", "Coulomb"), ("stribeck_speed", "Stribeck speed"))
     coordinate = "{axis} velocity sign"
     needs_axis = True
     needs_drive = True

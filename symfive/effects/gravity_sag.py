@@ -46,6 +46,12 @@ class GravitySag(Effect):
     action = (
         "enter a compensation over the position of the tilting axis in the control; check its clamping and bearings"
     )
+    terms = (
+        ("sin", "sine part"),
+        ("one_minus_cos", "1 − cos part"),
+        ("sin_cubed", "sin³ part"),
+        ("branch", "hysteresis"),
+    )
     coordinate = "{axis}"
     needs_axis = True
     component: str

@@ -59,6 +59,7 @@ class HeldFriction(SizedForce):
     says = "friction holds the axis at rest with a force that its motion does not determine"
     hidden_by = "gravity that changes with the pose, where every rest has a pose of its own"
     action = "none: every drive with friction does so, and the machine needs no repair"
+    terms = (("each", "each rest by itself"),)
     coordinate = "t"
     reported_as = "friction"
     state = "at rest"

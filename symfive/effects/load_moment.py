@@ -32,6 +32,7 @@ class LoadMoment(Effect):
     says = "an axis bends under the moment of its overhanging load"
     hidden_by = "squareness and error motions of the later axes, where only one of them moves"
     action = "enter a compensation over the positions of both axes in the control; check the preload of the guideway"
+    terms = (("w", "tilt by the load at {}"), ("h", "bending by the load at {}"), ("tool", "the tool"))
     coordinate = "pose"
     reported_as = "gravity_sag"
     needs_axis = True

@@ -23,6 +23,7 @@ class LocationError(Effect):
     says = "a location error missing from the machine file"
     hidden_by = "set-up errors and the instrument's zero where poses are few"
     action = "enter it in the control (symfive codegen), or align the axis"
+    terms = (("value", ""),)
     coordinate = "pose"
     component: str
     drift: bool = False

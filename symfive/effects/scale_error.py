@@ -22,6 +22,7 @@ class ScaleError(Effect):
     says = "positioning error growing with travel"
     hidden_by = "the bar's length and the other axes' scale: a ball bar reads only their difference"
     action = "check the scale or the screw and its temperature; enter it in the pitch-error compensation of the control"
+    terms = (("ppm", ""),)
     coordinate = "{axis}"
     needs_axis = True
     at: float = 0.0

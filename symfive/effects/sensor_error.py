@@ -29,6 +29,7 @@ class SensorError(Effect):
     says = "gain or cross-sensitivity of the instrument"
     hidden_by = "everything proportional to the deviation; a known shift of 50 µm separates them"
     action = "calibrate the instrument; the machine needs no repair"
+    terms = (("gain", "gain of {}"), ("matrix", "matrix element {}"))
     coordinate = "reading"
     choices = (("shape", SHAPES),)
     shape: str = "gain"

@@ -32,6 +32,7 @@ class ServoMismatch(Effect):
     says = "the position loop differs from the machine file"
     hidden_by = "squareness with one direction of travel, backlash with one feed, location errors of a rotary axis"
     action = "set equal position gains (Kv) of the axes in the control; correct the drives in the machine file"
+    terms = (("viscous", "viscous friction"),)
     coordinate = "{axis} velocity"
     needs_axis = True
     needs_drive = True

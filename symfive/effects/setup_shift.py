@@ -37,6 +37,7 @@ class SetupShift(Effect):
     says = "the artefact moved within the run"
     hidden_by = "the run's set-up errors where it happened near its start or end"
     action = "clamp the artefact again and repeat the run; the machine needs no repair"
+    terms = (("t_s", "instant"), ("creep_s", "creep time"))
     acts_in = INSTRUMENT
     choices = (("artefact", ARTEFACTS), ("shape", SHAPES))
     run: str

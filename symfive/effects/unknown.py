@@ -64,6 +64,7 @@ class Unknown(Effect):
     says = "an unidentified effect"
     hidden_by = "error motions over the same coordinates"
     action = "measure at another position or feed to find the cause; correct it only in the range that was recorded"
+    terms = (("axis", ""),)
     choices = (("place", PLACES),)
     unidentified = True
     over: tuple[str, ...]

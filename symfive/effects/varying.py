@@ -137,7 +137,11 @@ class Varying(Effect):
         return tuple(f"{self.key}.{name}" for name in names)
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
-        share = [Parameter(name=name, unit="1", sigma=1.0, kind="effect") for name in self._varied]
+        said = f"{self._inner.words} (variation"
+        share = [
+            Parameter(name=name, unit="1", sigma=1.0, kind="effect", called=f"{said} no. {number})")
+            for number, name in enumerate(self._varied, start=1)
+        ]
         return (*self._inner.parameters(campaign), *share)
 
     def amplitudes(self, campaign: Campaign) -> tuple[Parameter, ...]:

@@ -97,7 +97,7 @@ def mounting_notes(problem: Problem, fit: Identification) -> tuple[str, ...]:
         return ()
     stayed = " and ".join(group.words for group in groups)
     return (
-        f"the readings show that {stayed} stayed mounted; 1σ of {worst.name} is then {after}, not {before}: write the same name "
+        f"the readings show that {stayed} stayed mounted; 1σ of {worst.words} is then {after}, not {before}: write the same name "
         f'into these runs of campaign.toml, as mounting = {{ {groups[0].quantity} = "1" }}',
     )
 

@@ -9,7 +9,7 @@ from scipy.special import gammaincc
 
 from symfive.identify._result import Identification
 from symfive.instruments import has_bar
-from symfive.parameters import parameter_words
+from symfive.parameters import Parameter
 
 TENSE = 1e-3
 """p-value at which it is said: one of a thousand machines and set-ups that are as their priors say."""
@@ -24,7 +24,7 @@ class Tension:
     statistic: float
     dof: float
     p: float
-    worst: str
+    worst: Parameter
     sigmas: float
 
     @property
@@ -37,7 +37,7 @@ class Tension:
     @property
     def words(self) -> str:
         """The worst of them, as `clock of run ccw`."""
-        return parameter_words(self.worst)
+        return self.worst.words
 
 
 def tensions(fit: Identification) -> tuple[Tension, ...]:
@@ -63,7 +63,7 @@ def tensions(fit: Identification) -> tuple[Tension, ...]:
         parts = (directions[:, kept].T @ away) ** 2 / size[kept]
         furthest, dof = int(np.argmax(np.abs(away))), float(kept.sum())
         p = float(gammaincc(0.5 * dof, 0.5 * float(parts.sum())))
-        worst = fit.parameters[places[furthest]].name
+        worst = fit.parameters[places[furthest]]
         found.append(Tension(kind, float(parts.sum()), dof, p, worst, float(abs(away[furthest]))))
     return tuple(found)
 
@@ -95,7 +95,7 @@ def relief_notes(plain: Identification, full: Identification) -> tuple[str, ...]
 
 def _setup(fit: Identification, worst: Tension) -> str:
     """What a set-up may have wrong: an uncalibrated bar reads like a scale error of both axes of its circle."""
-    if worst.worst.endswith((".clock", ".clock_drift")):
+    if worst.worst.name.endswith((".clock", ".clock_drift")):
         return "the angles or times of the recording (clock_sigma_ms in campaign.toml)"
     bar = any(has_bar(run) for run in fit.model.campaign.runs)
     where = "where balls and nests stand (table_ball, tool_ball"

@@ -15,7 +15,7 @@ import numpy as np
 
 from symfive.arrays import Array, Flags
 from symfive.inference._noise import Block
-from symfive.parameters import Parameter, parameter_words
+from symfive.parameters import Parameter, said_together
 
 
 @dataclass(frozen=True)
@@ -56,22 +56,27 @@ SHARE = 0.05
 class Confounding:
     """Parameters of which the data fix fewer combinations than there are.
 
-    `names` and `coefficients` (per 1σ of the prior) span a combination about which the data say nothing that the prior did
+    `parameters` and `coefficients` (per 1σ of the prior) span a combination about which the data say nothing that the prior did
     not: moving all of them together by these amounts leaves the readings as they are, within the noise.
     `of_machine`: one of them is of the machine or an effect, not of the set-up.
     """
 
-    names: tuple[str, ...]
+    parameters: tuple[Parameter, ...]
     coefficients: tuple[float, ...]
     information: float
     of_machine: bool
 
     @property
+    def names(self) -> tuple[str, ...]:
+        """Their names."""
+        return tuple(p.name for p in self.parameters)
+
+    @property
     def words(self) -> str:
         """The combination in one sentence."""
-        if len(self.names) == 1:
-            return f"{parameter_words(self.names[0])} is not determined by these readings"
-        first, *others = map(parameter_words, self.names)
+        first, others = self.parameters[0].words, said_together(self.parameters[1:])
+        if not others:
+            return f"{first} is not determined by these readings"
         shown = others if len(others) <= 6 else [*others[:5], f"{len(others) - 5} more"]
         return f"{first} cannot be separated from {', '.join(shown[:-1])}{' and ' if len(shown) > 1 else ''}{shown[-1]}"
 
@@ -105,11 +110,11 @@ def confounded_combinations(matrix: Array, parameters: Sequence[Parameter]) -> t
         order = np.argsort(~machine_first * 10.0 - share)
         least = SHARE / max(1, np.sum(share > 1e-12) / 4)
         kept = [int(i) for i in order if share[i] >= least]
-        names = tuple(parameters[i].name for i in kept)
         unit = row / np.linalg.norm(row)
         information = float(unit @ scaled @ unit)
         of_machine = bool(machine_first[kept].any())
-        found.append(Confounding(names, tuple(float(row[i]) for i in kept), information, of_machine))
+        own = tuple(parameters[i] for i in kept)
+        found.append(Confounding(own, tuple(float(row[i]) for i in kept), information, of_machine))
     return tuple(sorted(found, key=lambda c: (not c.of_machine, c.names)))
 
 

@@ -35,7 +35,7 @@ class BallBar(BallInstrument):
 
     def parameters(self, run: Run, machine: Machine) -> tuple[Parameter, ...]:
         sigma = run.setup_sigma_um
-        length = (setup_parameter(run, "length", "um", sigma.length),) if sigma.length else ()
+        length = (setup_parameter(run, "length", "um", sigma.length, called="bar length"),) if sigma.length else ()
         return (
             *setup_vector(run, "table_ball", sigma.table_ball),
             *setup_vector(run, "tool_ball", sigma.tool),

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 IGNORED = "ignored"
 TERMS = ("mass", "viscous", "coulomb", "offset")
+_CALLED = {"viscous": "viscous friction", "coulomb": "Coulomb friction", "offset": "force offset"}
 ORDER = 4
 FINER = 10
 V_REST = 0.1
@@ -165,9 +166,10 @@ class DriveForce(Instrument):
             "coulomb": "Nm" if rotary else "N", "offset": "Nm" if rotary else "N",
         }  # fmt: skip
         return tuple(
-            Parameter(name=f"drive_force.{name}.{term}", unit=units[term], sigma=1e6, kind="drive")
+            Parameter(name=f"drive_force.{name}.{term}", unit=units[term], sigma=1e6, kind="drive",
+                      called=f"{_CALLED.get(term, term)} of axis {name}")
             for term in self.terms(run)
-        )
+        )  # fmt: skip
 
     def constants(self, run: Run, machine: Machine) -> dict[str, float]:
         return {"v_rest": rest_speed(run) * machine.axes[run.options["axis"]].to_internal}

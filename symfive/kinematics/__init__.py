@@ -1,6 +1,6 @@
 """The exact kinematic chain and the function bases of its error motions, symbolic in CasADi; serial chains in numbers."""
 
-from symfive.kinematics._bases import Basis, basis_of
+from symfive.kinematics._bases import Basis, basis_of, function_words
 from symfive.kinematics._chain import (
     Chain,
     Pose,
@@ -15,5 +15,5 @@ from symfive.kinematics._serial import axes_of_modified_dh, forward, placement, 
 
 __all__ = [
     "Basis", "Chain", "Pose", "angles", "axes_of_modified_dh", "axis_pose", "ball_in_workpiece", "basis_of", "chain_of",
-    "chain_poses", "first_order", "forward", "placement", "rounded",
+    "chain_poses", "first_order", "forward", "function_words", "placement", "rounded",
 ]  # fmt: skip

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import re
 from collections.abc import Callable, Mapping
 from functools import cached_property, lru_cache
 from itertools import pairwise
@@ -81,6 +82,18 @@ class Basis:
     def _function(self) -> Mapped:
         symbols = [ca.SX.sym("q") for _ in self.over]
         return Mapped(ca.Function("basis", symbols, [ca.densify(ca.horzcat(*self.values(*symbols)))]))
+
+
+_FUNCTION = re.compile(r"(P|S|cos|sin)(\d+)(?:\((.+)\))?")
+_FUNCTIONS = {"P": "polynomial of order", "S": "spline no.", "cos": "cosine of order", "sin": "sine of order"}
+
+
+def function_words(name: str, spoken: Callable[[str], str] = str) -> str:
+    """The name of a function in words, as `cosine of order 1` or `polynomial of order 1 in B × sine of order 2 in C`, of which
+    `spoken` says the coordinates; another name as it is."""
+    parts = [_FUNCTION.fullmatch(part) for part in name.split("*")]
+    said = [f"{_FUNCTIONS[p[1]]} {p[2]}{f' in {spoken(p[3])}' if p[3] else ''}" for p in parts if p]
+    return " × ".join(said) if len(said) == len(parts) else name
 
 
 def basis_of(term: ErrorTerm, machine: Machine) -> Basis:

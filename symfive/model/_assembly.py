@@ -18,7 +18,7 @@ from symfive.arrays import Array
 from symfive.compiled import Mapped
 from symfive.effects import STAGES, Effect
 from symfive.instruments import Column, columns_of, instruments_of
-from symfive.kinematics import basis_of, first_order
+from symfive.kinematics import basis_of, first_order, function_words
 from symfive.machine import Machine
 from symfive.motion import Position, Signal
 from symfive.parameters import Parameter
@@ -41,8 +41,10 @@ def machine_parameters(machine: Machine) -> tuple[Parameter, ...]:
         else:
             names = basis_of(term, machine).names
             found += [
-                Parameter(name=f"{term.name}.{n}", unit=term.unit, sigma=term.sigma, kind="error_motion") for n in names
-            ]
+                Parameter(name=f"{term.name}.{n}", unit=term.unit, sigma=term.sigma, kind="error_motion",
+                          called=f"{term.name} ({function_words(n)})")
+                for n in names
+            ]  # fmt: skip
     return tuple(found)
 
 

@@ -79,10 +79,10 @@ def _groups(identification: Identification) -> list[Group]:
         if identification.std[place] <= 0.0:
             continue
         if not parameter.of_setup:
-            machine[1].append((parameter.name, place))
+            machine[1].append((parameter.what, place))
         else:
             heading = parameter.owner_words
-            owners.setdefault(heading, (heading, []))[1].append((parameter.quantity, place))
+            owners.setdefault(heading, (heading, []))[1].append((parameter.what, place))
     return [group for group in (machine, *owners.values()) if group[1]]
 
 

@@ -175,11 +175,11 @@ def _draw(axes: Axes, before: Identification, after: Identification, parameters:
             axes.plot([value - std, value + std], [row + shift] * 2, color=colour, linewidth=1.8, solid_capstyle="butt")
             face = colour if words == "after" else "none"
             (dot,) = axes.plot([value], [row + shift], "o", color=colour, markerfacecolor=face, markersize=5.0)
-            tip(dot, f"tip-{p.name}-{words}", [f"{p.name} {words}: {with_std(value, std, unit)}"])
+            tip(dot, f"tip-{p.name}-{words}", [f"{p.what} {words}: {with_std(value, std, unit)}"])
         std = after.uncertainty(p.name)
         moved = f"{rounded(before[p.name], std, unit)} → {rounded(after[p.name], std, unit)}"
         axes.text(1.02, row, moved, transform=axes.get_yaxis_transform(), va="center", fontsize=7.5)
-    named_rows(axes, [p.name for p in parameters], unit)
+    named_rows(axes, [p.what for p in parameters], unit)
 
 
 def geometry_table(diagnosis: Diagnosis) -> str:
@@ -205,9 +205,10 @@ def _table(caption: str, moved: Mapping[str, tuple[float, float]], after: Identi
         p = after.parameters[after.model.index[name]]
         std = after.uncertainty(name)
         sigmas = abs(new - old) / std if std > 0.0 else 0.0
-        rows.append([name, meaning(p, machine), Cell(rounded(old, std, p.unit), old), Cell(rounded(new, std, p.unit), new),
+        symbol = name.partition(".")[0]
+        rows.append([symbol, meaning(p, machine), Cell(rounded(old, std, p.unit), old), Cell(rounded(new, std, p.unit), new),
                      Cell(rounded(std, std, p.unit), std), Cell(rounded(new - old, std, p.unit), new - old), unit_words(p.unit),
                      Cell(f"{sigmas:.1f}", sigmas)])  # fmt: skip
         classes.append("moved" if sigmas > 2.0 else "")
-    heads = ["parameter", "meaning", "before", "after", "1σ after", "moved by", "unit", "in σ"]
+    heads = ["error", "meaning", "before", "after", "1σ after", "moved by", "unit", "in σ"]
     return table(caption, heads, rows, classes)

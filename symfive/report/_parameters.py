@@ -67,7 +67,7 @@ def _draw(axes: Axes, identification: Identification, parameters: list[Parameter
         axes.text(1.02, row, said, transform=axes.get_yaxis_transform(), va="center", fontsize=7.5)
     near = sigma < 50.0 * np.maximum(np.abs(values), stds)  # a prior that is much wider would leave the values a dot
     reach = np.concatenate([low, high, (mean - sigma)[near], (mean + sigma)[near]])
-    named_rows(axes, [p.name.removeprefix("setup.") for p in parameters], unit)
+    named_rows(axes, [p.words for p in parameters], unit)
     margin = 0.04 * max(float(np.ptp(reach)), 1e-9)
     axes.set_xlim(min(float(reach.min()), 0.0) - margin, max(float(reach.max()), 0.0) + margin)
 

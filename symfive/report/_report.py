@@ -163,7 +163,7 @@ def identification_report(
 def _facts(identification: Identification) -> list[str]:
     campaign, machine = identification.model.campaign, identification.model.machine
     shared = sum(not p.of_setup for p in identification.parameters)
-    effects = ", ".join(effect.key for effect in identification.model.effects)
+    effects = ", ".join(effect.words for effect in identification.model.effects)
     return [
         f"Campaign {campaign.name}",
         f"structure {machine.structure.code}",
