@@ -17,7 +17,7 @@ from symfive.inference import square_of
 from symfive.numbers import plain_number, rounded, unit_words
 from symfive.report._page import fragment
 from symfive.report._traces import traces_of
-from symfive.report._words import determined, meaning
+from symfive.report._words import WAVES, determined, stated
 from symfive.standards import squareness_values, standard_values
 from symfive.worth import LONGEST, effect_worths, location_worths, signed
 
@@ -49,20 +49,24 @@ def table(
 def parameter_table(identification: Identification) -> Markup:
     """Machine and effects: value, 1σ, 95 % interval, unit, prior."""
     rows: list[list[str | Cell]] = []
-    classes = []
-    machine = identification.model.machine
-    for p in (q for q in identification.parameters if not q.of_setup):
-        value, std = identification[p.name], identification.uncertainty(p.name)
-        low, high = identification.interval(p.name)
-        known = determined(identification, p)
-        prior = f"{plain_number(p.mean, p.unit)} ± {plain_number(p.sigma)}"
-        state = "held fixed" if std == 0.0 else "improved on the prior" if known else "no better than the prior"
-        interval = f"{rounded(low, std, p.unit)} … {rounded(high, std, p.unit)}"
-        rows.append([p.name, meaning(p, machine), Cell(rounded(value, std, p.unit), value), Cell(rounded(std, std, p.unit), std),
-                     Cell(interval, low), unit_words(p.unit), Cell(prior, p.sigma), state])  # fmt: skip
-        classes.append("" if known else "weak")
-    heads = ["parameter", "meaning", "value", "1σ", "95 % interval", "unit", "prior (mean ± 1σ)", "the data"]
-    return table("Parameters of the machine and its effects", heads, rows, classes)
+    found = list(stated(identification))
+    for each in found:
+        state = (
+            "held fixed" if each.std == 0.0 else "improved on the prior" if each.known else "no better than the prior"
+        )
+        numbers = [Cell("–", math.nan)] * 3
+        if not each.is_open:
+            value, std, low, high = (rounded(v, each.std, each.unit) for v in (each.value, each.std, *each.interval))
+            numbers = [Cell(value, each.value), Cell(std, each.std), Cell(f"{low} … {high}", each.interval[0])]
+        prior = Cell("–", math.nan)
+        if each.prior is not None:
+            mean, sigma = each.prior
+            prior = Cell(f"{plain_number(mean, each.unit)} ± {plain_number(sigma)}", sigma)
+        rows.append([each.symbol, each.meaning, *numbers, unit_words(each.unit), prior, state])
+    heads = ["error", "meaning", "value", "1σ", "95 % interval", "unit", "prior (mean ± 1σ)", "the readings"]
+    caption = "Parameters of the machine and its effects"
+    waves = f". {WAVES}" if any(each.prior is None for each in found) else ""
+    return table(caption + waves, heads, rows, ["" if each.known else "weak" for each in found])
 
 
 def noise_table(identification: Identification) -> Markup:
@@ -123,13 +127,13 @@ def setup_table(identification: Identification) -> Markup:
         value, std = identification[p.name], identification.uncertainty(p.name)
         known = "" if determined(identification, p) else " *"
         said = f"{rounded(value, std, p.unit)} ± {rounded(std, std, p.unit)}{known}"
-        entries.setdefault(p.owner_words, {})[p.quantity] = Cell(said, value)
-        units.setdefault(p.quantity, unit_words(p.unit))
+        entries.setdefault(p.owner_words, {})[p.what] = Cell(said, value)
+        units.setdefault(p.what, unit_words(p.unit))
     rows: list[list[str | Cell]] = []
     for run, found in entries.items():
         rows.append([run, *(found.get(quantity, Cell("–", math.nan)) for quantity in units)])
     first = "run or mounting" if any(p.mounting for p in identification.parameters) else "run"
-    heads = [first, *(f"{quantity.replace('_', ' ').replace('.', ' ')} / {unit}" for quantity, unit in units.items())]
+    heads = [first, *(f"{quantity} / {unit}" if unit != "1" else quantity for quantity, unit in units.items())]
     return table("Set-up of each run: value ± 1σ (* no better than the prior)", heads, rows)
 
 

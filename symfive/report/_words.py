@@ -2,15 +2,88 @@
 
 from __future__ import annotations
 
-from symfive.effects import form_words
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from symfive.effects import amplitude_and_phase, length_spread
 from symfive.identify import UNCONVERGED, Identification
+from symfive.kinematics import function_words
 from symfive.machine import Machine
 from symfive.numbers import expected_ratio, plain_number, rounded, unit_words, with_unit
-from symfive.parameters import DETERMINED, Parameter
+from symfive.parameters import DETERMINED, Parameter, said_together
 from symfive.screen import aligned, wrapped
 from symfive.worth import location_worths, worth_text
 
-_OTHERS = {"drive": "gain of a drive", "instrument": "parameter of the instrument"}
+_WAVE = re.compile(r"(.*\.(?:.*\*)?)(sin|cos)(\d*(?:\([^()]*\))?)")
+"""Names of the two parameters of a wave: they differ in `sin` and `cos` alone."""
+_WAVE_WORDS = re.compile(r"\b(?:co)?sine\b")
+WAVES = "Periodic errors are A·sin(n·q + φ): A amplitude, φ phase, n order, q the position of the axis."
+SHOWN = 6
+"""Parameters that are named in a sentence, at most."""
+OPEN = 2.0
+"""An amplitude below so many σ has no phase."""
+
+
+@dataclass(frozen=True)
+class Stated:
+    """One line of a table of parameters: the `symbol` of an error of the machine file, what it means, value, 1σ, 95 % interval,
+    unit, prior mean and 1σ (none of a phase), and whether the readings determine it better than its prior."""
+
+    symbol: str
+    meaning: str
+    value: float
+    std: float
+    interval: tuple[float, float]
+    unit: str
+    prior: tuple[float, float] | None
+    known: bool
+
+    @property
+    def is_open(self) -> bool:
+        """Whether it is a phase that cannot be told."""
+        return math.isnan(self.value)
+
+
+def stated(identification: Identification) -> Iterator[Stated]:
+    """The parameters of the machine and its effects as a person reads them: of a wave its amplitude and its phase."""
+    machine, mine = identification.model.machine, [p for p in identification.parameters if not p.of_setup]
+    waves = {p.name: found for p in mine if (found := _WAVE.fullmatch(p.name))}
+    names, told = {p.name for p in mine}, set[str]()
+    for p in mine:
+        symbol = p.name.partition(".")[0] if p.name.partition(".")[0] in machine.errors else ""
+        value, std, known = identification[p.name], identification.uncertainty(p.name), determined(identification, p)
+        wave = waves.get(p.name)
+        other = f"{wave[1]}{'cos' if wave[2] == 'sin' else 'sin'}{wave[3]}" if wave else ""
+        if other not in names:
+            interval = identification.interval(p.name)
+            yield Stated(symbol, meaning(p, machine), value, std, interval, p.unit, (p.mean, p.sigma), known)
+        elif p.name not in told:
+            told |= {p.name, other}
+            yield from _wave(identification, p, p.name if wave and wave[2] == "sin" else other, symbol)
+
+
+def _wave(identification: Identification, p: Parameter, sine: str, symbol: str) -> Iterator[Stated]:
+    """Amplitude and phase of the wave of which `p` is one parameter and `sine` the name of its sine."""
+    head, _, tail = _WAVE.fullmatch(sine).groups()  # type: ignore[union-attr]
+    names, index = (sine, f"{head}cos{tail}"), identification.model.index
+    values = {name: identification[name] for name in names}
+    covariance = {(a, b): float(identification.covariance[index[a], index[b]]) for a in names for b in names}
+    size, phase = amplitude_and_phase(*names, p.unit, values, covariance)
+    value, angle = float(size.value), math.degrees(float(phase.value))  # type: ignore[arg-type]
+    std = length_spread(lambda v: math.hypot(*v), names, values, covariance)
+    low, high = identification.interval(sine)
+    factor = (high - low) / (2.0 * identification.uncertainty(sine)) if identification.uncertainty(sine) else 0.0
+    said, known = meaning(p, identification.model.machine), std < DETERMINED * p.sigma
+    for what, number, spread, unit, prior in (
+        ("amplitude", value, std, p.unit, (p.mean, p.sigma)),
+        ("phase", angle if value > OPEN * std else math.nan, math.degrees(float(phase.std)), "deg", None),  # type: ignore[arg-type]
+    ):
+        interval = (number - factor * spread, number + factor * spread)
+        if what == "amplitude":
+            interval = (max(interval[0], 0.0), interval[1])
+        yield Stated(symbol, _WAVE_WORDS.sub(what, said), number, spread, interval, unit, prior, known)
 
 
 def determined(identification: Identification, parameter: Parameter) -> bool:
@@ -63,61 +136,70 @@ def _noise(identification: Identification) -> list[str]:
 
 def _knowledge(identification: Identification) -> str:
     shared = [p for p in identification.parameters if not p.of_setup]
-    known = sum(determined(identification, p) for p in shared)
+    unknown = [p for p in shared if not determined(identification, p)]
     if not shared:
         return "The model has set-up parameters only."
-    if known == len(shared):
-        if known == 1:
+    if len(unknown) == len(shared):
+        every = "The one parameter" if len(shared) == 1 else f"None of the {len(shared)} parameters"
+        return f"{every} of the machine and its effects is {'not ' * (len(shared) == 1)}determined better than by its prior."
+    if not unknown:
+        if len(shared) == 1:
             return "The one parameter of the machine is determined better than by its prior."
-        count = "Both" if known == 2 else f"All {known}"
+        count = "Both" if len(shared) == 2 else f"All {len(shared)}"
         return f"{count} parameters of the machine and its effects are determined better than by their priors."
-    unknown = [p.name for p in shared if not determined(identification, p)]
-    names = ", ".join(unknown[:6]) + (f" and {len(unknown) - 6} more" if len(unknown) > 6 else "")
-    verb = "is" if known == 1 else "are"
-    known_words = f"{known} {verb} determined better than by the prior"
-    return f"Of {len(shared)} parameters of the machine and its effects {known_words}, not {names}."
+    known = len(shared) - len(unknown)
+    return (
+        f"Of {len(shared)} parameters of the machine and its effects {known} {'is' if known == 1 else 'are'} determined better "
+        f"than by the prior, not {listed_words(unknown)}."
+    )
+
+
+def listed_words(parameters: list[Parameter]) -> str:
+    """The first of some parameters in words, and how many more there are."""
+    said = said_together(parameters)
+    return ", ".join(said[:SHOWN]) + (f" and {len(said) - SHOWN} more" if len(said) > SHOWN else "")
 
 
 def meaning(parameter: Parameter, machine: Machine) -> str:
-    """What a parameter is, in a few words."""
+    """What a parameter is, in a few words; of an error of the machine file without its symbol."""
     name, _, function = parameter.name.partition(".")
     term = machine.errors.get(name)
-    if parameter.kind == "effect":
-        return form_words(parameter.name, machine)
     if term is None:
-        return _OTHERS.get(parameter.kind, parameter.kind)
+        return parameter.words
     letter = term.component
     along = f"about {'XYZ'['ABC'.index(letter)]}" if term.angular else f"along {letter}"
     if term.is_location:
         return f"{'orientation' if term.angular else 'position'} of axis {term.axis} {along}"
     over = "" if term.over == (term.axis,) else f" over {', '.join(term.over)}"
-    return f"error motion of axis {term.axis} {along}{over}, term {function}"
+    return f"error motion of axis {term.axis} {along}{over}, {function_words(function)}"
 
 
 def identification_text(identification: Identification) -> str:
-    """The verdict, value ± 1σ of the machine's parameters, fit, what the readings cannot separate, and what correcting each
-    location error is worth."""
-    machine, index = identification.model.machine, identification.model.index
-    rows = [("parameter", "value", "1σ", "unit", "prior 1σ", "meaning")]
-    rows += [
-        (name, rounded(value, std, unit), rounded(std, std, unit), unit_words(unit), plain_number(prior, unit),
-         meaning(identification.parameters[index[name]], machine))
-        for name, value, std, unit, prior in identification.table()
-    ]  # fmt: skip
-    unit = identification.unit
-    lines = [
-        *aligned(rows, right=(1, 2, 4)),
-        f"rms {plain_number(identification.rms_um, unit)} {unit}, chi²/dof {identification.chi2_dof:.3f} against the declared "
-        f"noise ({expected_ratio(identification.dof)})",
-        f"The readings determine {identification.rank} of {len(identification.parameters)} parameters, set-up included.",
-    ]
-    worth = worth_text(location_worths(identification))
-    return "\n".join(
+    """The verdict, value ± 1σ of the machine's parameters, what the readings cannot separate, and what correcting each location
+    error is worth."""
+    found = list(stated(identification))
+    rows = [("error", "value", "1σ", "unit", "prior 1σ", "meaning"), *map(_row, found)]
+    if not any(each.symbol for each in found):
+        rows = [row[1:] for row in rows]
+    first = len(rows[0]) - 5
+    parts = [
+        wrapped("", verdict(identification)),
         [
-            *wrapped("", verdict(identification)),
-            "",
-            *lines,
-            *(c.words for c in identification.confounded if c.of_machine),
-            *([worth] if worth else []),
+            *aligned(rows, right=(first, first + 1, first + 3)),
+            *([WAVES] if any(each.prior is None for each in found) else []),
         ]
-    )
+        if found
+        else [],
+        [
+            f"The readings determine {identification.rank} of {len(identification.parameters)} parameters, set-up included."
+        ],
+        [line for c in identification.confounded if c.of_machine for line in wrapped("", f"{c.words}.")],
+        worth_text(location_worths(identification)).splitlines(),
+    ]
+    return "\n\n".join("\n".join(lines) for lines in parts if lines)
+
+
+def _row(each: Stated) -> tuple[str, ...]:
+    value, std = ("–" if each.is_open else rounded(number, each.std, each.unit) for number in (each.value, each.std))
+    prior = "–" if each.prior is None else plain_number(each.prior[1], each.unit)
+    return each.symbol, value, std, unit_words(each.unit), prior, each.meaning
