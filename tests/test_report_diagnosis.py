@@ -204,7 +204,7 @@ def test_rivals_and_the_next_test_stand_with_the_finding(found):
     unsure = replace(found.findings[1], confidence=0.84, rivals=rivals, next_test="plans/apart", test=test)
     facts = facts_of(unsure, found.after)
     assert facts["how sure"] == (
-        "confidence 84 % (component open: not separated from EXB), or error motion of axis B (EXB) 12 %, "
+        "confidence 84 % (component open: not separated from EXB); otherwise error motion of axis B (EXB) 12 % "
         "or none of the known effects 4 %"
     )
     assert facts["next test"] == f"record plans/apart: {test.says}"
@@ -231,7 +231,7 @@ def test_a_name_that_only_plausibility_holds_does_not_sound_sure(found, page_of)
     beside = replace(unsure, rivals=(RivalName("backlash", "Y", 0.009), RivalName("unknown", None, 0.02)))
     said = facts_of(beside, found.after)["how sure"]
     assert said.count("backlash of axis Y") == 1 and "backlash of axis Y (0.9 %)" in said
-    assert said.endswith("or none of the known effects 2 %")
+    assert said.endswith("; otherwise none of the known effects 2 %")
 
 
 def test_every_number_of_a_finding_has_its_uncertainty(found):
@@ -241,7 +241,7 @@ def test_every_number_of_a_finding_has_its_uncertainty(found):
     finding = replace(found.findings[1], parameters={"matrix": matrix, **faint}, sigmas=7.4)
     said = facts_of(finding, found.after)["how large"]
     assert "matrix ((1.0070 ± 0.0090, 0.008 ± 0.010), (−0.0020 ± 0.0050, 1.0040 ± 0.0020))" in said
-    assert "P1 −5 ± 15 µm, together 7.4σ from zero, P2 3.0 ± 9.0 µm" in said
+    assert "order 1 −5 ± 15 µm, together 7.4σ from zero, order 2 3.0 ± 9.0 µm" in said
 
 
 def test_a_fit_that_did_not_converge_says_so_first_and_is_not_recommended(found, page_of):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -280,9 +280,15 @@ class Diagnosis(OnScreen):
         return float(np.sqrt(max(self.fit.chi2_dof_after, 0.0)))
 
     @property
+    def beyond_noise(self) -> bool:
+        """Whether more is left than noise: by more than a tenth, and more than chance explains."""
+        left = replace(self.after, chi2_dof=self.fit.chi2_dof_after)
+        return self.noise_ratio > EXPLAINED and left.fits == "no"
+
+    @property
     def _beyond_noise(self) -> str:
         """How large the residual is where it is more than noise, else nothing."""
-        return f"{plain_number(self.noise_ratio)} times the declared noise" if self.noise_ratio > EXPLAINED else ""
+        return f"{plain_number(self.noise_ratio)} times the declared noise" if self.beyond_noise else ""
 
     @property
     def by_share(self) -> list[Finding]:
@@ -318,9 +324,12 @@ class Diagnosis(OnScreen):
         if not any(counts):
             return ()
         every, unit = self.after.problem().readings, self.after.file_unit
-        numbers = " → ".join(dict.fromkeys(f"{n} of {every} ({percent(n / every)})" for n in counts))
+        numbers = " → ".join(dict.fromkeys(map(str, counts)))
+        share = " → ".join(dict.fromkeys(percent(n / every) for n in counts))
         kept = self._change(self.before.rms_kept.get(unit, 0.0), self.after.rms_kept.get(unit, 0.0), unit)
-        return (f"Excluded outliers: {numbers} readings; without them rms {kept} {self.after.unit}.",)
+        return (
+            f"Excluded outliers: {numbers} of {every} readings ({share}); without them rms {kept} {self.after.unit}.",
+        )
 
     @property
     def geometry(self) -> tuple[str, ...]:
@@ -394,7 +403,7 @@ class Diagnosis(OnScreen):
             expected = plain_number(fit.heldout_expected_um.get("run", fit.rms_after_um), unit)
             lines.append(f"{which}: rms {held} {unit} (expected {expected} {unit})")
         ratio = self._change(fit.chi2_dof_before, fit.chi2_dof_after)
-        lines.append(f"chi²/dof {ratio} against the declared noise ({expected_ratio(self.after.dof)})")
+        lines += wrapped("", f"chi²/dof {ratio} against the declared noise ({expected_ratio(self.after.dof)})")
         if self.findings:
             lines.append(
                 "± is 1σ (k = 1), if the names are right. Confidence: against all named and unidentified effects."

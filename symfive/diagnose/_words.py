@@ -9,7 +9,7 @@ import numpy as np
 from symfive.effects import LINKS, Unknown, Varying, coordinate_words, effect_words, form_words
 from symfive.identify import Identification
 from symfive.machine import Machine
-from symfive.numbers import in_words, name_words, percent, plain_number, rounded, unit_words, with_std
+from symfive.numbers import in_words, percent, plain_number, rounded, unit_words, with_std
 
 if TYPE_CHECKING:
     from symfive.diagnose._result import Finding
@@ -44,7 +44,9 @@ def facts_of(finding: Finding, after: Identification) -> dict[str, str]:
         "what": _deed(finding),
         "where": f"in {place_words(finding, machine)}, over {coordinate_words(finding.coordinate)}, {_runs(finding, after)}",
         "how large": ", ".join(sizes),
-        "how sure": ", or ".join([_sure(finding, machine) + _component_is_open(finding), *rivals]),
+        "how sure": "; otherwise ".join(
+            [_sure(finding, machine) + _component_is_open(finding), *filter(None, [" or ".join(rivals)])]
+        ),
         "share": f"{percent(finding.share)} of the deviation (mean square)",
         "hidden by": "; ".join(hidden),
         "not separated": f"from {', '.join(form_words(key, machine) for key in finding.alias)}"
@@ -125,12 +127,18 @@ def _sizes(finding: Finding, after: Identification) -> tuple[list[str], list[str
         seen = [f"{plain_number(size, unit_words(unit))} {unit_words(unit)}" for unit, size in most.items() if size]
         return [f"up to {' and '.join(seen)} of the readings, by {1 + len(finding.further)} terms"], [], []
     words, clear, faint, vectors = list[str](), list[str](), list[str](), list[str]()
-    for name, q in finding.parameters.items():
-        said = f"{name_words(name, q.unit)} {in_words(q.value, q.std, q.unit or '')}".strip()
+    numbers = clear
+    for name, quantity in finding.parameters.items():
+        if quantity.aside:
+            continue
+        q = quantity.said
+        said = f"{finding.effect.quantity_words(name, q.unit)} {in_words(q.value, q.std, q.unit or '')}".strip()
         if isinstance(q.value, (str, tuple)):
             (words if isinstance(q.value, str) else vectors).append(said)
-        else:
-            (faint if isinstance(q.std, (int, float)) and abs(q.value) < 2.0 * q.std else clear).append(said)
+            continue
+        if quantity.unit != "rad":  # a phase is as clear as the amplitude before it
+            numbers = faint if isinstance(q.std, (int, float)) and abs(q.value) < 2.0 * q.std else clear
+        numbers.append(said)
     if not clear and faint:
         faint.insert(1, f"together {plain_number(finding.sigmas, 'σ')}σ from zero")
     return words, clear or faint, vectors

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -24,11 +24,17 @@ Covariance = Mapping[tuple[str, str], float]
 @dataclass(frozen=True)
 class Quantity:
     """One line of a finding: a number, several numbers or a name; `std` of the same form, None where it is no
-    estimate."""
+    estimate. `aside`: another line says the same to a person."""
 
     value: float | str | tuple[Any, ...]
     std: float | tuple[Any, ...] | None = None
     unit: str | None = None
+    aside: bool = False
+
+    @property
+    def said(self) -> Quantity:
+        """In the unit in which a person reads it: an angle in degrees."""
+        return replace(self.times(180.0 / math.pi), unit="deg") if self.unit == "rad" else self
 
     def times(self, factor: float) -> Quantity:
         """A number `factor` times as large, its uncertainty too."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import cache
 from numbers import Integral
 from types import NoneType, UnionType
@@ -12,13 +12,16 @@ from typing import Any, Union, get_args, get_origin
 from symfive.kinematics import function_words
 from symfive.validation import is_number
 
+Terms = tuple[tuple[str, str], ...]
+"""See `Effect.terms`."""
 _QUANTITIES = {
-    "velocity sign": "the direction of {}", "velocity": "the velocity of {}", "acceleration": "the acceleration of {}",
-    "since reversal": "the path of {} since its reversal", "": "the position of {}",
+    "velocity sign": ("direction", "directions"), "velocity": ("velocity", "velocities"), "": ("position", "positions"),
+    "acceleration": ("acceleration", "accelerations"), "since reversal": ("path since reversal", "paths since reversal"),
 }  # fmt: skip
 _PLAIN = {"t": "time", "row": "the row number", "pose": "the pose", "reading": "the reading"}
 _COMPONENT = re.compile(r"E[A-CX-Z]0?(.+)")
 _AXIS, _UNIT = re.compile(r"[A-Z]\d?"), re.compile(r"_(s|ms|hz|um|deg)$")
+_OF_ORDER = re.compile(r"(amplitude|phase)(\d+)")
 _SINES = {"sin": "sine", "cos": "cosine"}
 _DIRECTIONS = {**{c: f"along {c.upper()}" for c in "xyz"}, **{c: f"about {c.upper()}" for c in "abc"}}
 _REPEATED = re.compile(r"1?(\++)")
@@ -33,7 +36,7 @@ def effect_words(effect: str, axis: str | None, component: str | None = None) ->
 
 
 @cache
-def key_words(key: str, axes: tuple[str, ...], terms: tuple[tuple[str, str], ...]) -> str:
+def key_words(key: str, axes: tuple[str, ...], terms: Terms) -> str:
     """The key of an effect, or the name of one of its parameters, in words with the symbol of its component, as `gravity sag of
     axis B (EXB, yielding)` or `unidentified effect over the velocity of X (force)`. `terms`: see `Effect`."""
     effect, *rest = key.split(".")
@@ -45,22 +48,22 @@ def key_words(key: str, axes: tuple[str, ...], terms: tuple[tuple[str, str], ...
             said = effect_words(effect, rest.pop(0))
         else:
             said = effect_words(effect, component[1] if component and component[1] in axes else None)
-    more = ", ".join(_parts(rest, dict(terms)))
+    more = ", ".join(part_words(rest, terms))
     return said + (f" ({more})" if more else "")
 
 
-def _parts(names: Sequence[str], terms: Mapping[str, str]) -> list[str]:
+def part_words(names: Sequence[str], terms: Terms) -> list[str]:
     """The parts of a name, each in words; a direction and what a term speaks of join what they belong to."""
-    said, left = list[str](), list(names)
+    said, left, known = list[str](), list(names), dict(terms)
     while left:
         name = left.pop(0)
         if name in _DIRECTIONS:
             along = _DIRECTIONS[name]
             said[-1:] = [f"{said[-1]} {along}"] if said and not _COMPONENT.fullmatch(said[-1]) else [*said[-1:], along]
             continue
-        words = terms.get(name, f"no. {name}" if name.isdecimal() else _part(name))
+        words = known.get(name, f"no. {name}" if name.isdecimal() else _part(name))
         if "{}" in words:
-            words = words.format(terms.get(left[0], _part(left.pop(0)))) if left else _part(name)
+            words = words.format(known.get(left[0], _part(left.pop(0)))) if left else _part(name)
         said.append(words)
     return [words for words in said if words]
 
@@ -74,17 +77,28 @@ def _part(name: str) -> str:
         return function
     if _AXIS.fullmatch(name):
         return f"axis {name}"
+    if of_order := _OF_ORDER.fullmatch(name):
+        return f"{of_order[1]} (order {of_order[2]})"
     return _REPEATED.sub(lambda tag: f" no. {len(tag[1]) + 1}", _UNIT.sub("", name)).replace("_", " ").strip()
 
 
 def coordinate_words(coordinate: str) -> str:
-    """Coordinates in words, as `the direction of B, the position of C and time` for `B velocity sign, C, t`."""
-    said = []
+    """Coordinates in words, as `the direction of B, the positions of B and C and time` for `B velocity sign, B, C, t`."""
+    groups: dict[str, list[str]] = {}
     for words in coordinate.split(", "):
         name, _, quantity = words.partition(" ")
-        plain = f"{_PLAIN.get(name, name)} {quantity}"
-        said.append(_PLAIN.get(words) or (_QUANTITIES[quantity].format(name) if quantity in _QUANTITIES else plain))
-    *first, last = said
+        known = words not in _PLAIN and quantity in _QUANTITIES
+        groups.setdefault(quantity if known else f"{_PLAIN.get(name, name)} {quantity}".rstrip(), []).append(name)
+    said = [
+        f"the {_QUANTITIES[what][len(names) > 1]} of {_together(names)}" if what in _QUANTITIES else what
+        for what, names in groups.items()
+    ]
+    return _together(said)
+
+
+def _together(words: Sequence[str]) -> str:
+    """As `a, b and c`."""
+    *first, last = words
     return f"{', '.join(first)} and {last}" if first else last
 
 

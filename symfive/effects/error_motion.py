@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import casadi as ca
 import numpy as np
 
-from symfive.effects._base import Campaign, Effect, Form, Forms, Parameter, Quantity, Row
+from symfive.effects._base import Campaign, Covariance, Effect, Form, Forms, Parameter, Quantity, Row, Values
 from symfive.effects._form import component_of, goes_round, moving, own_component
+from symfive.effects._quantity import amplitude_and_phase
 from symfive.errors import InputError
 from symfive.kinematics import Basis, basis_of
 from symfive.machine import ErrorTerm, Machine, unknown_axis
@@ -122,6 +123,18 @@ class ErrorMotion(Effect):
             self.own(name, component.unit, self.sigma or usual * self._reach(name, campaign))
             for name in self._functions(campaign.machine)[1]
         )
+
+    def describe(self, campaign: Campaign, values: Values, covariance: Covariance) -> dict[str, Quantity]:
+        """Its coefficients; of a harmonic also `amplitude1` and `phase1`, of A·sin(q + φ)."""
+        found = super().describe(campaign, values, covariance)
+        for order in [name[3:] for name in found if re.fullmatch(r"sin\d+", name)]:
+            pair = f"sin{order}", f"cos{order}"
+            unit = str(found[pair[0]].unit)
+            sine, cosine = (f"{self.key}.{name}" for name in pair)
+            size, phase = amplitude_and_phase(sine, cosine, unit, values, covariance)
+            found |= {name: replace(found[name], aside=True) for name in pair}
+            found |= {f"amplitude{order}": size, f"phase{order}": phase}
+        return found
 
     def _reach(self, function: str, campaign: Campaign) -> float:
         """By how much a Legendre polynomial over the whole travel must be larger to have its size over the part in use."""

@@ -61,10 +61,10 @@ class Unknown(Effect):
     """
 
     id = "unknown"
-    says = "an unidentified effect"
+    says = "no known effect fits"
     hidden_by = "error motions over the same coordinates"
     action = "measure at another position or feed to find the cause; correct it only in the range that was recorded"
-    terms = (("axis", ""),)
+    terms = (("axis", ""), ("carrier", "carried by"))
     choices = (("place", PLACES),)
     unidentified = True
     over: tuple[str, ...]
@@ -318,7 +318,7 @@ class Unknown(Effect):
             return float(np.sqrt(np.mean(np.sum(shape(p) ** 2, axis=1))))
 
         size = propagated(rms, names, amplitudes[0].unit, *known_part(amplitudes, values, covariance))
-        found = {"over": Quantity(self.over), "rms": size}
+        found = {"over": Quantity(self.over, aside=True), "rms": size}
         if self.period:
             at = f"{self.key}.period"
             std = covariance[at, at] ** 0.5 if self.period_sigma else None

@@ -202,4 +202,4 @@ class Varying(Effect):
             for name in self._varied
         }
         inner: Mapping[str, Quantity] = self._inner.describe(campaign, values, covariance)
-        return {**inner, "over": Quantity(self.coordinates), **own}
+        return {**inner, "over": Quantity(self.coordinates, aside=True), **own}

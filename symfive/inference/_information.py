@@ -74,7 +74,10 @@ class Confounding:
     @property
     def words(self) -> str:
         """The combination in one sentence."""
-        first, others = self.parameters[0].words, said_together(self.parameters[1:])
+        first, others = (
+            self.parameters[0].words,
+            said_together(sorted(self.parameters[1:], key=lambda p: p.owner or "")),
+        )
         if not others:
             return f"{first} is not determined by these readings"
         shown = others if len(others) <= 6 else [*others[:5], f"{len(others) - 5} more"]

@@ -85,12 +85,12 @@ class Basis:
 
 
 _FUNCTION = re.compile(r"(P|S|cos|sin)(\d+)(?:\((.+)\))?")
-_FUNCTIONS = {"P": "polynomial of order", "S": "spline no.", "cos": "cosine of order", "sin": "sine of order"}
+_FUNCTIONS = {"P": "order", "S": "spline", "cos": "cosine", "sin": "sine"}
 
 
 def function_words(name: str, spoken: Callable[[str], str] = str) -> str:
-    """The name of a function in words, as `cosine of order 1` or `polynomial of order 1 in B × sine of order 2 in C`, of which
-    `spoken` says the coordinates; another name as it is."""
+    """The name of a function in words, as `cosine 1`, of order 1, or `order 1 in B × sine 2 in C`, with a polynomial of order 1;
+    `spoken` says the coordinates. Another name as it is."""
     parts = [_FUNCTION.fullmatch(part) for part in name.split("*")]
     said = [f"{_FUNCTIONS[p[1]]} {p[2]}{f' in {spoken(p[3])}' if p[3] else ''}" for p in parts if p]
     return " × ".join(said) if len(said) == len(parts) else name

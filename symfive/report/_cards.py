@@ -55,12 +55,12 @@ def _tiles(finding: Finding) -> list[tuple[str, str]]:
 
 def _parameters(finding: Finding) -> str:
     rows: list[list[str | Cell]] = []
-    for number, parameters in enumerate((finding.parameters, *(each for _, each in finding.further)), start=1):
+    parts = ((finding.effect, finding.parameters), *finding.further)
+    for number, (effect, parameters) in enumerate(parts, start=1):
         for name, quantity in parameters.items():
-            value, std, unit = _words(quantity)
-            said = name.removesuffix("_s") if quantity.unit == "s" else name
-            part = f" (part {number})" if finding.further else ""
-            rows.append([said.replace("_", " ") + part, value, std, unit])
+            if not quantity.aside:
+                part = f" (part {number})" if finding.further else ""
+                rows.append([effect.quantity_words(name, quantity.unit) + part, *_words(quantity.said)])
     for effect, parameters in finding.discrepancies:
         value, std, unit = _words(parameters["rms"])
         rows.append([f"discrepancy over {coordinate_words(effect.coordinate)}, rms", value, std, unit])

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-from symfive.diagnose import EXPLAINED, Diagnosis
-from symfive.effects import effect_words, form_words
+from symfive.diagnose import Diagnosis
+from symfive.effects import form_words
 from symfive.identify import may_have_stayed
+from symfive.report._words import determined
 from symfive.screen import wrapped
 from symfive.standards import standard_values
 
 FAINT_SIGMAS = 5.0
 """σ below which an effect of usual size would hardly be found."""
 SHOWN_FAINT = 8
+GEOMETRY = ("location_error", "error_motion")
 
 
 def closing(diagnosis: Diagnosis) -> str:
     """The verdict again and the next step, in one line."""
-    names = ", ".join(effect_words(finding.name, finding.axis) for finding in diagnosis.by_share)
+    names = ", ".join(finding.title[:1].lower() + finding.title[1:] for finding in diagnosis.by_share)
     said = names or ("unnamed" if diagnosis.mismatch else "nothing found")
     return f"In short: {said}. Next: {_next_step(diagnosis)}."
 
@@ -43,12 +45,14 @@ def _next_step(diagnosis: Diagnosis) -> str:
         return "the findings predict the held-out readings: diagnose all readings for the final values"
     if diagnosis.findings:
         return "the corrected model is model.json; check it on a run that was not used here (symfive predict)"
-    if diagnosis.noise_ratio > EXPLAINED:
+    if diagnosis.beyond_noise:
         if diagnosis.after.model.campaign.repeats:
             return (
                 "enter the scatter of the repeated runs as noise_um; these readings do not name what is left beyond it"
             )
         return "repeat one run: if both differ by as much as this residual, it is noise above the data sheet"
+    if not any(determined(diagnosis.after, p) for p in diagnosis.after.parameters if p.kind in GEOMETRY):
+        return "these readings determine no error of the machine: plan a measurement that does (symfive plan)"
     return "model.json is the machine's model; check it on a run that was not used here (symfive predict), then symfive codegen"
 
 

@@ -83,7 +83,16 @@ def _wave(identification: Identification, p: Parameter, sine: str, symbol: str) 
         interval = (number - factor * spread, number + factor * spread)
         if what == "amplitude":
             interval = (max(interval[0], 0.0), interval[1])
-        yield Stated(symbol, _WAVE_WORDS.sub(what, said), number, spread, interval, unit, prior, known)
+        yield Stated(
+            symbol,
+            _WAVE_WORDS.sub(f"{what} of order" if tail else what, said),
+            number,
+            spread,
+            interval,
+            unit,
+            prior,
+            known,
+        )
 
 
 def determined(identification: Identification, parameter: Parameter) -> bool:
