@@ -251,7 +251,11 @@ def test_a_diagnosis_counts_all_readings_and_says_what_is_excluded(tmp_path: Pat
     assert found.fit.heldout_rms_after_um > 1.5  # 30 µm in one of 310 readings
     count = len(found.after.outliers)
     assert 40 in {o.row for o in found.after.outliers} and count <= 3  # noise of 310 readings may add one or two
-    said = f" → {count} of 310 readings (" if len(found.before.outliers) != count else f"Excluded outliers: {count} of 310 readings ("
+    said = (
+        f" → {count} of 310 readings ("
+        if len(found.before.outliers) != count
+        else f"Excluded outliers: {count} of 310 readings ("
+    )
     assert said in " ".join(diagnosis_text(found).split()) and said in found.summary
     diagnosis_report(found, tmp_path)
     assert said in (tmp_path / "report.html").read_text(encoding="utf-8")

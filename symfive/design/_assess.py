@@ -19,14 +19,22 @@ from symfive.disk import new_table, release
 from symfive.effects import Effect
 from symfive.errors import InputError
 from symfive.given import campaign_given
-from symfive.inference import Confounding, Noise, Whitening, confounded_combinations, data_rank, windows_of
+from symfive.inference import (
+    Confounding,
+    Noise,
+    Whitening,
+    confounded_combinations,
+    data_rank,
+    not_separated,
+    windows_of,
+)
 from symfive.instruments import fitted_parts
 from symfive.machine import Machine
 from symfive.model import Model
 from symfive.numbers import plain_number, unit_words
 from symfive.optimal import inverse, marginal
 from symfive.parameters import Parameter
-from symfive.screen import OnScreen, listed
+from symfive.screen import OnScreen, listed, plural
 from symfive.threads import one_thread
 
 LEVER_MM = 100.0
@@ -61,7 +69,7 @@ class Assessment(OnScreen):
     @property
     def inseparable(self) -> list[str]:
         """What stays confounded, in words, where an error of the machine is in it."""
-        return [c.words for c in self.confounded if c.of_machine]
+        return not_separated(c for c in self.confounded if c.of_machine)
 
     def to_data(self) -> dict[str, Any]:
         """The assessment as nested mappings (`assessment.json`)."""
@@ -78,9 +86,9 @@ class Assessment(OnScreen):
             for axis, number in self.valuation.items()
         ]
         run, row = self.most()
-        lines.append(
-            f"most informative: line {row + FIRST_LINE} of run {run}; {sum(map(len, self.idle.values()))} rows add almost nothing"
-        )
+        idle = sum(map(len, self.idle.values()))
+        rest = f"; {plural(idle, 'row')} add{'s' * (idle == 1)} almost nothing" if idle else ""
+        lines.append(f"most informative: line {row + FIRST_LINE} of run {run}{rest}")
         lines += self._runs_in_words()
         return "\n".join([*lines, *listed(self.inseparable, "assessment.confounded")])
 

@@ -17,6 +17,7 @@ from symfive.errors import InputError
 from symfive.machine import Machine
 from symfive.numbers import plain_number, unit_words
 from symfive.parameters import Parameter
+from symfive.screen import aligned
 
 UNSEEN = 0.9
 """A parameter whose 1σ stays above this share of its prior 1σ is not determined."""
@@ -46,11 +47,11 @@ def _valued(name: str, value: float) -> str:
 
 def sigma_words(parameters: Sequence[Parameter], sigma: Mapping[str, float]) -> list[str]:
     """Of every parameter sought the 1σ expected after the measurement, with its unit, and that before."""
-    head = ["expected 1σ after the measurement (prior):"] if parameters else []
-    return head + [
-        f"  {p.what:36} {plain_number(sigma[p.name], p.unit):>8} {unit_words(p.unit)} ({plain_number(p.sigma)})"
-        for p in parameters
-    ]
+    if not parameters:
+        return []
+    rows = [(f"  {p.what}", plain_number(sigma[p.name], p.unit), f"{unit_words(p.unit)} ({plain_number(p.sigma)})")
+            for p in parameters]  # fmt: skip
+    return ["expected 1σ after the measurement (prior):", *aligned(rows, right=(1,))]
 
 
 def gain_words(psi_of_list: float, psi: float) -> str:

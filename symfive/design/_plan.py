@@ -31,6 +31,7 @@ from symfive.given import campaign_given, machine_given
 from symfive.machine import Machine
 from symfive.nc import Post
 from symfive.optimal import Criterion, Rows, Task, name_of
+from symfive.runs import instrument_words
 from symfive.screen import listed
 from symfive.threads import one_thread
 from symfive.toolpath import ToolPath
@@ -79,13 +80,12 @@ class Plan(Written):
 
     def __str__(self) -> str:
         runs = [
-            f"  {run.id}: {run.rows} rows of {_different(run)} poses, ball at {tuple(round(v) for v in run.table_ball)} mm, "
+            f"  {run.id}: {run.rows} readings in {_different(run)} poses, ball at {tuple(round(v) for v in run.table_ball)} mm, "
             f"tool {-run.tool_ball[2]:g} mm"
             for run in self.campaign.runs
         ]
-        head = (
-            f"{self.instrument} plan, {self.certificate.points} poses, {self.minutes:.0f} min: {self.certificate.says}"
-        )
+        size = f"{self.certificate.points} poses, {self.minutes:.0f} min"
+        head = f"{instrument_words(self.instrument)} plan, {size}: {self.certificate.says}"
         notes = [*(() if self.part is None else self.part.says), *listed(self.notes, "plan.notes", 10)]
         notes = [line for note in notes for line in wrap(note, 120, subsequent_indent="    ")]
         return "\n".join([head, *listed(runs, "plan.campaign.runs", 10), str(self.assessment), *notes])

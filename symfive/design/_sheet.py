@@ -29,6 +29,7 @@ from symfive.nc import (
 )
 from symfive.numbers import plain_number, unit_words
 from symfive.procedures import PAUSE_S, Nominal
+from symfive.runs import instrument_words
 
 DRY_RUN = "Dry-run the programs without the instrument first."
 
@@ -78,7 +79,7 @@ def _facts(sheet: Sheet) -> str:
 
 
 def _names(instruments: Iterable[str]) -> str:
-    return ", ".join("R-test" if name == "r_test" else name.replace("_", " ") for name in dict.fromkeys(instruments))
+    return ", ".join(map(instrument_words, dict.fromkeys(instruments)))
 
 
 def _minutes(sheet: Sheet, run: Run) -> float:

@@ -13,7 +13,7 @@ from symfive.arrays import Array
 from symfive.campaign import FIRST_LINE
 from symfive.disk import release
 from symfive.errors import InputError
-from symfive.inference import Confounding, Noise, Outlier, Problem
+from symfive.inference import Confounding, Noise, Outlier, Problem, not_separated
 from symfive.kinematics import basis_of
 from symfive.model import Model
 from symfive.numbers import percent, plain_number, rounded, unit_words, with_std
@@ -160,6 +160,11 @@ class Identification(OnScreen):
         kept = f"{plain_number(self.rms_kept[unit], unit)} {self.unit}"
         return f"Excluded outliers: {count} of {every} readings ({percent(count / every)}); without them rms {kept}."
 
+    @property
+    def inseparable(self) -> list[str]:
+        """What the readings do not separate, in words, where a parameter of the machine is in it."""
+        return not_separated(c for c in self.confounded if c.of_machine)
+
     def error_motion(self, name: str, points: int = CURVE_POINTS) -> MotionCurve:
         """The identified error motion over the travel, with the 1σ of each point from the joint covariance."""
         term = self.model.machine.errors[name]
@@ -252,9 +257,9 @@ class Identification(OnScreen):
         rows = [f"  {name:<{width}}  {with_std(value, std, unit)}" for name, value, std, unit, _ in table]
         state = "" if self.converged else "not converged, "
         head = f"identification of {self.model.machine.name}: {state}{self._quality}"
-        apart = [c.words for c in self.confounded if c.of_machine]
         excluded = [self.excluded] if self.excluded else []
-        return "\n".join([head, *listed(rows, "result.table()"), *excluded, *listed(apart, "result.confounded")])
+        apart = listed(self.inseparable, "result.confounded")
+        return "\n".join([head, *listed(rows, "result.table()"), *excluded, *apart])
 
     @property
     def _quality(self) -> str:

@@ -8,7 +8,7 @@ others is the rank; no numerical tolerance enters.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -82,6 +82,20 @@ class Confounding:
             return f"{first} is not determined by these readings"
         shown = others if len(others) <= 6 else [*others[:5], f"{len(others) - 5} more"]
         return f"{first} cannot be separated from {', '.join(shown[:-1])}{' and ' if len(shown) > 1 else ''}{shown[-1]}"
+
+
+def not_separated(found: Iterable[Confounding]) -> list[str]:
+    """Combinations in sentences, all parameters that are not determined in one."""
+    several, alone = list[str](), list[Confounding]()
+    for each in found:
+        if len(each.parameters) == 1:
+            alone.append(each)
+        else:
+            several.append(each.words)
+    if len(alone) < 2:
+        return [*several, *(each.words for each in alone)]
+    *first, last = said_together(each.parameters[0] for each in alone)
+    return [*several, f"These readings do not determine {', '.join(first)}{' and ' if first else ''}{last}"]
 
 
 def _scaled_eigen(matrix: Array, sigma: Array) -> tuple[Array, Array]:

@@ -159,13 +159,16 @@ def _outliers(axes: Axes, trace: Trace, across: Array, limit: float, colour: str
             chosen = beyond[((far > 0) == up)[beyond] & (trace.outlier[beyond] == left_out)]
             height = np.full(len(chosen), 0.93 * limit if up else -0.93 * limit)
             axes.plot(across[chosen], height, marker, color=colour, markeredgecolor=edge, markersize=5.0)
+    late = across.min() + 0.85 * np.ptp(across)  # beside the panel's right edge a number would be cut
     for row in _apart(sorted(beyond.tolist(), key=lambda r: -abs(far[r])), across):
+        left = bool(across[row] > late)
         axes.annotate(
-            f" {plain_number(far[row], trace.unit)}",
+            plain_number(far[row], trace.unit),
             (float(across[row]), float(np.copysign(0.93 * limit, far[row]))),
             fontsize=7,
             va="center",
-            xytext=(4, 0),
+            ha="right" if left else "left",
+            xytext=(-6 if left else 6, 0),
             textcoords="offset points",
             in_layout=False,
         )

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from symfive.drawing import poses_figure
 from symfive.errors import InputError
 from symfive.identify import Identification
+from symfive.inference import not_separated
 from symfive.numbers import expected_ratio, with_unit
 from symfive.outputs import write_bytes
 from symfive.report._correlation import correlation_matrix
@@ -139,8 +140,7 @@ def identification_report(
     path, target = Path(folder) / NAME, None if figures is None else Path(figures)
     machine = identification.model.machine
     title = f"Identification of {machine.name}"
-    apart = [c.words for c in identification.confounded if c.of_machine]
-    setup = [c.words for c in identification.confounded if not c.of_machine]
+    setup = not_separated(c for c in identification.confounded if not c.of_machine)
     parameters = identification.parameters
     body = fragment(
         "identification", title=title, facts=_facts(identification),
@@ -148,7 +148,7 @@ def identification_report(
         headline=HEADLINES[identification.fits] if identification.converged else "The fit did not converge.",
         verdict=verdict(identification), quality=_quality(identification),
         notes=(*identification.notes, *identification.model.campaign.notes),
-        confounded=sentences(apart), confounded_setup=sentences(setup, 200), setup_count=len(setup),
+        confounded=sentences(identification.inseparable), confounded_setup=sentences(setup, 200), setup_count=len(setup),
         parameters=parameter_table(identification) if any(not p.of_setup for p in parameters) else "",
         worth=worth_section(identification), standards=standards_section(identification), noise=noise_table(identification),
         outliers=outlier_table(identification) if identification.outliers else "",

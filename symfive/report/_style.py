@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator
 
 from symfive.arrays import Array
 from symfive.drawing import FAINT, GRID, INK, PAPER, render
@@ -92,7 +92,8 @@ def short(text: str, most: int = 36) -> str:
 
 
 def plain_log(axes: Axes) -> None:
-    """Logarithmic axes whose ticks read 0.01, 0.1, 1, 10."""
+    """Logarithmic axes whose ticks read 0.1, 1, 10; the upright one also 0.2 and 0.5, since it may span less than a decade."""
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         axis.set_minor_formatter(FuncFormatter(lambda value, _: ""))

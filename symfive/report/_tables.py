@@ -18,6 +18,7 @@ from symfive.numbers import plain_number, rounded, unit_words
 from symfive.report._page import fragment
 from symfive.report._traces import traces_of
 from symfive.report._words import WAVES, determined, stated
+from symfive.runs import instrument_words
 from symfive.standards import squareness_values, standard_values
 from symfive.worth import LONGEST, effect_worths, location_worths, signed
 
@@ -83,7 +84,7 @@ def noise_table(identification: Identification) -> Markup:
         tau = _number(noise.time_constant, "s") if slow else Cell("–", 0.0)
         if slow and not run.has_clock:
             tau = Cell(f"{tau.text} rows", tau.value)
-        words = [run.id, traces[0].instrument.replace("_", " "), run.sampling]
+        words = [run.id, instrument_words(traces[0].instrument), run.sampling]
         numbers = [
             Cell(str(run.rows), run.rows),
             _number(noise.declared, unit),

@@ -202,7 +202,7 @@ def identification_text(identification: Identification) -> str:
         [
             f"The readings determine {identification.rank} of {len(identification.parameters)} parameters, set-up included."
         ],
-        [line for c in identification.confounded if c.of_machine for line in wrapped("", f"{c.words}.")],
+        [line for said in identification.inseparable for line in wrapped("", f"{said}.")],
         worth_text(location_worths(identification)).splitlines(),
     ]
     return "\n\n".join("\n".join(lines) for lines in parts if lines)

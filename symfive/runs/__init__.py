@@ -2,6 +2,17 @@
 
 from symfive.runs._campaign import MOUNTED, Campaign
 from symfive.runs._options import OPTIONS
-from symfive.runs._run import FIRST_LINE, Column, Piece, Run, SetupSigma, Vector
+from symfive.runs._run import FIRST_LINE, Column, Piece, Run, SetupSigma, Vector, instrument_words
 
-__all__ = ["FIRST_LINE", "MOUNTED", "OPTIONS", "Campaign", "Column", "Piece", "Run", "SetupSigma", "Vector"]
+__all__ = [
+    "FIRST_LINE",
+    "MOUNTED",
+    "OPTIONS",
+    "Campaign",
+    "Column",
+    "Piece",
+    "Run",
+    "SetupSigma",
+    "Vector",
+    "instrument_words",
+]

@@ -60,6 +60,11 @@ def file_identity(name: str) -> str:
     return PureWindowsPath(name).as_posix().casefold()
 
 
+def instrument_words(name: str) -> str:
+    """The name of an instrument as one says it: `ball_bar` ball bar, `r_test` R-test."""
+    return "R-test" if name == "r_test" else name.replace("_", " ")
+
+
 @dataclass(frozen=True, kw_only=True)
 class SetupSigma:
     """Prior 1σ of a run's set-up errors: ball positions and bar length in µm, plate orientation in µrad.
@@ -238,7 +243,7 @@ class Run(OnScreen):
 
     def __str__(self) -> str:
         state = "measured" if self.measured else "a plan, no readings yet"
-        instruments = " and ".join(name.replace("_", " ") for name in self.instrument)
+        instruments = " and ".join(map(instrument_words, self.instrument))
         noises = tuple(dict.fromkeys(plain_number(self.noise(name)) for name in self.instrument))
         units = dict.fromkeys(unit_words(name.rpartition("_")[2]) for name in self.readings)
         unit = next(iter(units)) if len(units) == 1 else "µm"
