@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import re
 import textwrap
 from collections.abc import Container, Sequence
 
@@ -10,6 +11,7 @@ MOST = 30
 """Entries of one kind that a screen holds beside all else."""
 WIDTH, HARD_SPACE = 100, "\u00a0"
 """Longest line of the text; a space at which none ends."""
+_BEFORE_UNIT = re.compile(r"(?<=\d) (?=[µ°%σ]|(?:mm|ppm|Nm?|Hz|m?s|min)\b)")
 
 
 class OnScreen:
@@ -49,8 +51,9 @@ def plural(count: int, noun: str) -> str:
 
 def wrapped(head: str, text: str) -> list[str]:
     """Lines of the text behind its head, the further ones indented alike; what belongs to one number stays together."""
-    for mark in (" ± ", " → ", " %"):
+    for mark in (" ± ", " → "):
         text = text.replace(mark, mark.replace(" ", HARD_SPACE))
+    text = _BEFORE_UNIT.sub(HARD_SPACE, text)
     lines = textwrap.wrap(
         text, WIDTH, initial_indent=head, subsequent_indent=" " * len(head), break_long_words=False, break_on_hyphens=False
     )  # fmt: skip

@@ -23,7 +23,7 @@ rate = click.option(
     epilog='Example: symfive history add results/ --date 2026-03-04 && symfive history show "tilting table BC"',
 )  # fmt: skip
 def history() -> None:
-    """Changes of machines over the years: results of many dates, alarms, forecasts, pages."""
+    """Follow machines over the years. Results of many dates, alarms, forecasts, pages."""
 
 
 @history.command(epilog="Example: symfive history add results/ --date 2026-03-04 --temperature 21.5 --serial A17")
@@ -100,7 +100,7 @@ def show(
     machine: str, index: Path, since: str | None, until: str | None, tolerances: tuple[str, ...], false_alarms: float,
     output: Path | None, overwrite: bool, as_json: bool,
 ) -> None:  # fmt: skip
-    """A machine over the years: alarms with their causes, errors and rates, forecast, when to measure again."""
+    """Show a machine over the years. Alarms with their causes, errors and rates, forecast, when to measure again."""
     from symfive.history import History, instant, trend_text
 
     limits = cli.numbers_of("--tolerance", tolerances, "EX0C=10")
@@ -122,7 +122,7 @@ def show(
 @cli.overwrite
 @cli.as_json
 def fleet(index: Path, output: Path | None, overwrite: bool, as_json: bool) -> None:
-    """All machines: open alarms, their dates and causes."""
+    """Show all machines. Open alarms, their dates and causes."""
     from symfive.history import History
 
     with History(index) as opened:
@@ -138,7 +138,7 @@ def fleet(index: Path, output: Path | None, overwrite: bool, as_json: bool) -> N
 @where
 @cli.quiet
 def rebuild(folders: tuple[Path, ...], index: Path, quiet: bool) -> None:
-    """Rebuild the index from the records in the results; all or nothing."""
+    """Rebuild the index. From the records in the results, all or nothing."""
     from symfive.history import rebuilt
 
     found = rebuilt(index, folders, progress=cli.Progress(quiet))
@@ -157,7 +157,7 @@ def rebuild(folders: tuple[Path, ...], index: Path, quiet: bool) -> None:
 )
 @cli.quiet
 def export(index: Path, output: Path, quiet: bool) -> None:
-    """Every visit and error as one long table, for DuckDB, pandas or a spreadsheet."""
+    """Export one long table. Every visit and error, for DuckDB, pandas or a spreadsheet."""
     from symfive.history import History
 
     with History(index) as opened:
@@ -181,7 +181,7 @@ def export(index: Path, output: Path, quiet: bool) -> None:
 @click.option("--place", default="customer", help="laboratory, customer, laboratoryBranch, customerBranch or other.")
 @cli.quiet
 def certificate(results: Path, output: Path, date: str | None, quiet: bool, **entries: str) -> None:
-    """A digital calibration certificate (PTB's DCC) of one result, unsigned; missing entries are marked."""
+    """Write a calibration certificate. PTB's DCC of one result, unsigned; missing entries are marked."""
     from symfive.history import Details, Office, instant, taken
     from symfive.history import certificate as certificate_of
 
@@ -198,7 +198,7 @@ def certificate(results: Path, output: Path, date: str | None, quiet: bool, **en
 @where
 @click.option("--port", type=cli.Whole(0, 65535), default=0, help="Port on 127.0.0.1; 0 chooses a free one.")
 def serve(index: Path, port: int) -> None:
-    """Serve the pages on this computer, at the printed address; Ctrl-C ends it."""
+    """Serve the pages. On this computer, at the printed address; Ctrl-C ends it."""
     from symfive.history import Server
 
     server = Server(index, port)

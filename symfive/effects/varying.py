@@ -42,7 +42,6 @@ class Varying(Effect):
     id = "varying"
     reported_as = "unknown"
     says = "like a known effect, but its size changes along a coordinate"
-    hidden_by = "the effect it resembles"
     action = "look for a cause that changes along this coordinate; correct it only in the range that was recorded"
     of: Effect
     over: str
@@ -59,6 +58,19 @@ class Varying(Effect):
     def vocabulary(self) -> str:
         """The law's word while it is right to that share."""
         return self.of.vocabulary if self.minor else self.reported_as
+
+    @property
+    def hidden_by(self) -> str:  # type: ignore[override]
+        """What absorbs it: the law, unless it bears its name."""
+        return self.of.hidden_by if self.minor else "the effect it resembles"
+
+    @property
+    def terms(self) -> tuple[tuple[str, str], ...]:  # type: ignore[override]
+        """Those of the effect, and its share that varies."""
+        return (*self.of.terms, ("varies", "variation {}"))
+
+    def advice(self, sizes: Mapping[str, Quantity]) -> tuple[str, str]:
+        return self.of.advice(sizes) if self.minor else super().advice(sizes)
 
     @property
     def belongs_to(self) -> str | None:

@@ -41,7 +41,7 @@ class Prediction(OnScreen):
 
     @property
     def lines(self) -> list[str]:
-        """Of every run with readings the rms of measured minus predicted, with its unit."""
+        """Of every run with readings the rms of measured minus predicted, with its unit, and the noise that it declares."""
         return [
             f"{run}: rms of measured minus predicted {self._by_unit(run, rms)}" for run, rms in self.rms.items()
         ] or ["no run has readings: nothing to compare with"]
@@ -51,7 +51,8 @@ class Prediction(OnScreen):
         found, each = self.campaign.run(run), self.rms_by_column[run]
         columns = [column for column in columns_of(found, self.campaign.machine) if column.name in each]
         if len({c.unit for c in columns}) == 1:
-            return with_unit(rms, columns[0].unit)
+            noises = dict.fromkeys(with_unit(found.noise(name), columns[0].unit) for name in found.instrument)
+            return f"{with_unit(rms, columns[0].unit)} (declared noise {' and '.join(noises)})"
         return ", ".join(f"{c.name} {with_unit(each[c.name], c.unit)}" for c in columns)
 
 

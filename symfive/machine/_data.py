@@ -228,7 +228,9 @@ def unknown_axis(owner: str, axis: str | None, axes: Iterable[str], *keys: str, 
 
 def machine_lines(machine: Machine) -> list[str]:
     """Name and structure, axes with their travels, errors with their priors, effects of the model."""
-    effects = ", ".join(e.effect if e.axis is None else f"{e.effect} of {e.axis}" for e in machine.effects)
+    effects = ", ".join(
+        e.effect.replace("_", " ") + ("" if e.axis is None else f" of axis {e.axis}") for e in machine.effects
+    )
     return [
         f"machine {machine.name}: {machine.structure.code}",
         f"axes: {', '.join(_axis_words(machine.axes[name]) for name in machine.axis_names)}",
@@ -258,6 +260,7 @@ def _axis_words(axis: Axis) -> str:
 
 
 def _error_words(term: ErrorTerm) -> str:
-    form = "" if term.is_location else f" {'×'.join(f'{b} {o}' for b, o in zip(term.basis, term.order, strict=True))}"
+    bases = (f"{basis} of order {order}" for basis, order in zip(term.basis, term.order, strict=True))
+    form = "" if term.is_location else f" ({' × '.join(bases)})"
     over = "" if term.over in ((), (term.axis,)) else f" over {', '.join(term.over)}"
     return f"{term.name}{form}{over} ±{plain_number(term.sigma)} {'µrad' if term.angular else 'µm'}"

@@ -17,7 +17,7 @@ GEOMETRY = ("location_error", "error_motion")
 
 def closing(diagnosis: Diagnosis) -> str:
     """The verdict again and the next step, in one line."""
-    names = ", ".join(finding.title[:1].lower() + finding.title[1:] for finding in diagnosis.by_share)
+    names = "; ".join(finding.title[:1].lower() + finding.title[1:] for finding in diagnosis.by_share)
     said = names or ("unnamed" if diagnosis.mismatch else "nothing found")
     return f"In short: {said}. Next: {_next_step(diagnosis)}."
 

@@ -17,6 +17,7 @@ from symfive.errors import InputError
 from symfive.instruments import positioning_instrument
 from symfive.machine import Machine
 from symfive.numbers import plain_number, rounded, unit_words
+from symfive.screen import wrapped
 
 COVERAGE = 2.0
 """Coverage factor k of an expanded uncertainty U (ISO 14253-1 and ISO/TR 230-9)."""
@@ -52,7 +53,11 @@ class StandardValue:
     @property
     def words(self) -> str:
         """Name, value and U in one line."""
-        spread = f", U = {rounded(self.u, self.u, self.unit)}" if math.isfinite(self.u) else ", U unknown"
+        spread = (
+            f", U = {rounded(self.u, self.u, self.unit)} {unit_words(self.unit)}"
+            if math.isfinite(self.u)
+            else ", U unknown"
+        )
         number = (
             rounded(self.value, self.u, self.unit) if math.isfinite(self.u) else rounded(self.value, 0.0, self.unit)
         )
@@ -118,18 +123,28 @@ def with_uncertainties(values: Sequence[StandardValue], known: Mapping[str, floa
 
 
 def standards_text(values: Sequence[StandardValue], decisions: Decisions | None = None) -> str:
-    """The values as text, by runs: conditions, each value with U (k = 2) and its decision, and limits."""
+    """The values as text, by runs: conditions, those of all first, each value with U (k = 2) and its decision, and limits."""
     groups: dict[tuple[Any, ...], list[int]] = {}
     for i, value in enumerate(values):
         key = (value.standard, value.runs, tuple(value.conditions.items()), value.limits)
         groups.setdefault(key, []).append(i)
-    lines = []
+    if not groups:
+        return NONE
+    each = [dict.fromkeys(conditions) for _, _, conditions, _ in groups]
+    shared = [one for one in each[0] if all(one in other for other in each)] if len(each) > 1 else []
+    lines = ["U: expanded uncertainty (k = 2)"]
+    lines += wrapped("all: ", _conditions(shared)) if shared else []
     for (standard, runs, conditions, limits), places in groups.items():
         some = f"{', '.join(runs[:4])}{f' and {len(runs) - 4} more' if len(runs) > 4 else ''}"
-        lines.append(f"{standard}, {some}: {'; '.join(f'{key} {said}' for key, said in conditions)}")
+        own = _conditions([one for one in conditions if one not in shared])
+        lines += wrapped("", f"{standard}, {some}{f': {own}' if own else ''}")
         lines += [f"  {values[i].words}{_decided(values[i], (decisions or {}).get(i))}" for i in places]
-        lines += [f"  note: {limit}" for limit in limits]
-    return "\n".join(lines) if lines else NONE
+        lines += [line for limit in limits for line in wrapped("  note: ", limit)]
+    return "\n".join(lines)
+
+
+def _conditions(pairs: Sequence[tuple[str, str]]) -> str:
+    return "; ".join(f"{key} {said}" for key, said in pairs)
 
 
 def _decided(value: StandardValue, found: tuple[float, str] | None) -> str:
