@@ -119,7 +119,7 @@ class Fleet(OnScreen):
         found = (row.errors.get(name) for name in self.errors)
         errors = ["" if e is None else with_std(e[0], e[1]) for e in found]
         rms = with_unit(row.rms or 0.0, row.rms_unit)
-        return [one_line(row.campaign), row.verdict, rms, plain_number(row.chi2_dof or 0.0), *errors]
+        return [one_line(row.campaign), row.verdict.replace("_", " "), rms, plain_number(row.chi2_dof or 0.0), *errors]
 
 
 def _short(name: str) -> str:

@@ -15,7 +15,7 @@ from symfive.diagnose._intervals import direction_of, intervals_of, with_begin
 from symfive.diagnose._locate import Location
 from symfive.diagnose._result import Finding, RivalName, mean_square
 from symfive.diagnose._words import sentence_of
-from symfive.effects import Effect, Quantity
+from symfive.effects import Effect, Quantity, form_words
 from symfive.identify import Identification, identify
 from symfive.model import Model
 from symfive.posterior import (
@@ -260,7 +260,7 @@ def _finding(
     says = sentence_of(draft, after)
     if test is None:
         return replace(draft, says=says)
-    others = " and ".join(rival for rival, _ in test.each)
+    others = " and ".join(form_words(rival, after.model.machine) for rival, _ in test.each)
     return replace(
         draft, test=test, next_test=folder_of(effect.key, test) if test.useful else None,
         says=f"{says} To separate it from {others}: {test.says}.",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import MISSING, fields
 from functools import cache
 from typing import Any, get_type_hints
@@ -26,7 +26,7 @@ from symfive.effects._form import (
     reversing,
 )
 from symfive.effects._quantity import Quantity, amplitude_and_phase, length_spread
-from symfive.effects._words import coordinate_words, effect_words, fits, key_words
+from symfive.effects._words import coordinate_words, effect_words, fits, key_words, quantity_words
 from symfive.effects.axis_growth import AxisGrowth
 from symfive.effects.axis_turn import AxisTurn
 from symfive.effects.backlash import Backlash
@@ -67,13 +67,14 @@ from symfive.effects.varying import Varying
 from symfive.effects.vibration import Vibration, columns_read
 from symfive.errors import InputError
 from symfive.files import shown
+from symfive.kinematics import function_words
 from symfive.machine import Machine
 
 __all__ = [
     "AXIS", "BALL", "CARRIED", "EFFECTS", "FORCE", "LINKS", "READING", "STAGES", "TOOL", "VOCABULARY", "Effect", "Form",
     "Quantity", "Scan", "Tone", "Unknown", "Varying", "across", "amplitude_and_phase", "baseline_effects", "columns_read",
-    "component_of", "coordinate_values", "coordinate_words", "effect_words", "form_words", "length_spread", "location_of",
-    "make_effect", "moving", "reversing",
+    "component_of", "coordinate_values", "coordinate_words", "effect_words", "finding_words", "form_words", "length_spread",
+    "location_of", "make_effect", "moving", "parameter_words", "reversing",
 ]  # fmt: skip
 
 _TABLE: tuple[type[Effect], ...] = (
@@ -152,10 +153,23 @@ def make_effect(effect: str, axis: str | None = None, **options: Any) -> Effect:
     return kind(axis=axis, **options)
 
 
+def parameter_words(name: str, axes: Iterable[str]) -> str:
+    """A parameter, or a form of an effect, in words where only its name is known, of a machine with these `axes`."""
+    head, _, rest = name.partition(".")
+    if head in EFFECTS or "_" in head:
+        return key_words(name, tuple(axes), EFFECTS.get(head, Effect).terms)
+    return f"{head} ({function_words(rest)})" if rest else name
+
+
+def finding_words(word: str, name: str, unit: str | None) -> str:
+    """A quantity of a finding of which only its word of the vocabulary is known, in words."""
+    terms = (term for effect in EFFECTS.values() if (effect.reported_as or effect.id) == word for term in effect.terms)
+    return quantity_words(name, unit, tuple(terms))
+
+
 def form_words(key: str, machine: Machine) -> str:
-    """The key of a form of an effect, or the name of one of its parameters, in words: see `key_words`."""
-    effect = EFFECTS.get(key.partition(".")[0], Effect)
-    return key_words(key, machine.axis_names, effect.terms)
+    """The key of a form of an effect, or the name of one of its parameters, in words."""
+    return parameter_words(key, machine.axis_names)
 
 
 def baseline_effects(machine: Machine) -> tuple[Effect, ...]:

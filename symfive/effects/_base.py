@@ -11,11 +11,10 @@ import casadi as ca
 from symfive.arrays import Array
 from symfive.effects._form import AXIS, TOOL, Begin, Form, Forms, moving
 from symfive.effects._quantity import Covariance, Quantity, Values, own_quantity
-from symfive.effects._words import key_words, part_words
+from symfive.effects._words import key_words, quantity_words
 from symfive.errors import InputError
 from symfive.machine import Axis, unknown_axis
 from symfive.motion import Signal, unmoved
-from symfive.numbers import name_words
 from symfive.parameters import Parameter
 from symfive.row import Row
 from symfive.runs import Campaign, Run
@@ -105,7 +104,7 @@ class Effect:
 
     def quantity_words(self, name: str, unit: str | None) -> str:
         """What `describe` gives under this name, in words, without the unit that stands behind the number."""
-        return ", ".join(part_words(name_words(name, unit).replace(" ", "_").split("."), self.terms))
+        return quantity_words(name, unit, self.terms)
 
     def _called(self, *parameter: str) -> str:
         """It, or its parameter of this name, in words."""

@@ -10,6 +10,7 @@ from types import NoneType, UnionType
 from typing import Any, Union, get_args, get_origin
 
 from symfive.kinematics import function_words
+from symfive.numbers import name_words
 from symfive.validation import is_number
 
 Terms = tuple[tuple[str, str], ...]
@@ -48,11 +49,16 @@ def key_words(key: str, axes: tuple[str, ...], terms: Terms) -> str:
             said = effect_words(effect, rest.pop(0))
         else:
             said = effect_words(effect, component[1] if component and component[1] in axes else None)
-    more = ", ".join(part_words(rest, terms))
+    more = ", ".join(_parts(rest, terms))
     return said + (f" ({more})" if more else "")
 
 
-def part_words(names: Sequence[str], terms: Terms) -> list[str]:
+def quantity_words(name: str, unit: str | None, terms: Terms) -> str:
+    """A quantity of an effect in words, without the unit that stands behind the number."""
+    return ", ".join(_parts(name_words(name, unit).replace(" ", "_").split("."), terms))
+
+
+def _parts(names: Sequence[str], terms: Terms) -> list[str]:
     """The parts of a name, each in words; a direction and what a term speaks of join what they belong to."""
     said, left, known = list[str](), list(names), dict(terms)
     while left:

@@ -25,8 +25,9 @@ from symfive.arrays import Array
 from symfive.errors import InputError
 from symfive.history._alarms import Cause, causes_of
 from symfive.history._information import information_of
-from symfive.history._visit import Finding, Visit
+from symfive.history._visit import Finding, MachineId, Visit
 from symfive.numbers import power_of_ten, with_std
+from symfive.screen import aligned
 
 ITSELF = 0.9
 """An error is compared by itself where so much of it lies in the directions that both visits determine."""
@@ -81,8 +82,11 @@ class FindingChange:
         if self.before is not None and self.after is None:
             again = "; the later test cannot detect it" if self.hidden else ""
             return f"Gone: {', '.join(filter(None, (self.words, self.before.size)))}{again}"
+        from symfive.effects import finding_words
+
+        effect = (self.after or self.before or Finding(effect="")).effect
         entries = [
-            f"{name.replace('_', ' ')} {with_std(b, 0.0)} → {with_std(a, 0.0, unit)} ({with_std(d, s, unit)})"
+            f"{finding_words(effect, name, unit)} {with_std(b, 0.0)} → {with_std(a, 0.0, unit)} ({with_std(d, s, unit)})"
             for name, (b, a, d, s, unit) in self.parameters.items()
         ]
         return f"{self.words[0].upper()}{self.words[1:]}: {', '.join(entries) or 'found in both'}"
@@ -127,23 +131,27 @@ class Change:
             noise, chance = "the usual scatter" if self.scatter_known else "noise", power_of_ten(self.chance)
             chance = chance if chance.startswith(("about", "below")) else f"of {chance}"
             lines = [f"{head}: changed (probability of this by {noise} alone: {chance})."]
-            lines += [f"  {cause_words(cause)}" for cause in self.causes]
+            lines += [f"  {cause_words(cause, self.second.machine)}" for cause in self.causes]
             lines += ["  The change of each error, whatever the cause:"]
         else:
             beyond = "the machine's usual scatter" if self.scatter_known else "the uncertainties"
             lines = [f"{head}: no change beyond {beyond} ({self.rank} combinations compared)."]
-        lines += [f"  {name:<8} {with_std(d, s, u)}" for name, (d, s, u) in self.errors.items()]
+        said = [(f"  {self.second.machine.said(n)}", with_std(d, s, u)) for n, (d, s, u) in self.errors.items()]
+        lines += aligned(said) if said else []
         if self.open:
-            lines.append(f"  Not comparable, because one of the tests does not determine them: {', '.join(self.open)}.")
+            names = ", ".join(map(self.second.machine.said, self.open))
+            lines.append(f"  Not comparable, because one of the tests does not determine them: {names}.")
         return "\n".join([*lines, *(f"  {finding.says}." for finding in self.findings)])
 
 
-def cause_words(cause: Cause) -> str:
+def cause_words(cause: Cause, machine: MachineId) -> str:
     """A cause in words, as `EX0C +2.1 ± 0.3 µm`, with those that cannot be distinguished from it."""
     sign = "+" if cause.change >= 0.0 else ""
-    said = f"{cause.names[0]} {sign}{with_std(cause.change, cause.std, cause.unit)}"
+    said = f"{machine.said(cause.names[0])} {sign}{with_std(cause.change, cause.std, cause.unit)}"
     if len(cause.names) > 1:
-        shares = ", ".join(f"{n} {100 * p:.0f} %" for n, p in zip(cause.names, cause.probabilities, strict=True))
+        shares = ", ".join(
+            f"{machine.said(n)} {100 * p:.0f} %" for n, p in zip(cause.names, cause.probabilities, strict=True)
+        )
         said += f" (cannot be distinguished in these tests: {shares})"
     return said
 

@@ -85,7 +85,7 @@ def _chart(trend: Trend, forecast: Forecast) -> Chart:
     x, y = _across(time), _up(low, high, TOP, TALL - BOTTOM)
     top, bottom = np.clip(path + WIDTH * band, low, high), np.clip(path - WIDTH * band, low, high)
     return Chart(
-        name=forecast.name, unit=unit_words(unit),
+        name=trend.machine.said(forecast.name), unit=unit_words(unit),
         now=f"{rounded(forecast.level, forecast.level_std, unit)} {unit_words(unit)}",
         bars=_bars(x(time), y(value - WIDTH * std), y(value + WIDTH * std)),
         points="".join(f"M{pair}h0" for pair in _pairs(x(time), y(value))),
@@ -102,7 +102,7 @@ def _marks(trend: Trend, x: Place) -> list[Mark]:
     ]
     for alarm in trend.alarms:
         visit = trend.visits[alarm.visit]
-        names = ", ".join(" or ".join(cause.names[:3]) for cause in alarm.causes[:3])
+        names = ", ".join(" or ".join(map(trend.machine.said, cause.names[:3])) for cause in alarm.causes[:3])
         found.append(Mark(round(float(x(np.array(visit.time))), 1), "alarm", f"{visit.date} alarm: {names}"))
     return found
 

@@ -11,7 +11,7 @@ from symfive.history._change import Change, change_between
 from symfive.history._charts import Spark, charts_of, spark
 from symfive.history._forecast import YEAR
 from symfive.history._trend import Trend, alarm_data
-from symfive.history._visit import Finding, Visit, instant
+from symfive.history._visit import Finding, MachineId, Visit, instant
 from symfive.history._words import (
     MachineRow,
     MachineTable,
@@ -20,6 +20,7 @@ from symfive.history._words import (
     alarm_words,
     conditions,
     forecast_sentence,
+    last_value,
     smallest_step,
 )
 from symfive.numbers import plain_number, with_std, with_unit
@@ -43,7 +44,7 @@ def machine_page(trend: Trend) -> str:
     return _filled(
         "machine.html", f"History of {trend.machine.name}", machine=trend.machine, visits=trend.visits, open=count,
         headline=f"{headline}.", sentences=sentences, changes=_changes(trend), charts=charts_of(trend),
-        undetermined=[n for n in trend.data.names if n not in trend.determined], errors=_errors(trend),
+        undetermined=[trend.machine.said(n) for n in trend.data.names if n not in trend.determined], errors=_errors(trend),
         alarms=[_alarm(trend, number) for number in range(len(trend.alarms))][::-1], stated=stated,
         findings=_findings(trend.visits), events=list(trend.events)[::-1], visit_parts=_visits(trend.visits),
     )  # fmt: skip
@@ -94,9 +95,8 @@ def _errors(trend: Trend) -> dict[str, Any]:
     """The table of errors now."""
     rows = []
     for f in trend.forecasts:
-        i = trend.data.names.index(f.name)
-        last, std = float(trend.data.value[-1, i]), float(trend.data.std[-1, i])
-        cells = [_cell(f.name), _cell(with_std(last, std, f.unit), last), _cell(with_std(f.level, f.level_std, f.unit), f.level),
+        cells = [_cell(trend.machine.said(f.name)), _cell(*last_value(trend, f)),
+                 _cell(with_std(f.level, f.level_std, f.unit), f.level),
                  _cell(with_std(f.rate, f.rate_std, f.unit), f.rate),
                  _cell(smallest_step(trend, f), trend.smallest.get(f.name, float("inf")))]  # fmt: skip
         if any(other.tolerance is not None for other in trend.forecasts):
@@ -112,7 +112,9 @@ def _cell(text: str, sort: float | None = None) -> dict[str, Any]:
 
 def _alarm(trend: Trend, number: int) -> dict[str, Any]:
     alarm = trend.alarms[number]
-    kind, _, cause = alarm_words(alarm_data(alarm, trend)).partition(" of " if alarm.kind != "several" else ": ")
+    kind, _, cause = alarm_words(alarm_data(alarm, trend), trend.machine).partition(
+        " of " if alarm.kind != "several" else ": "
+    )
     return {"when": trend.visits[alarm.visit].date, "since": trend.visits[alarm.since].date, "kind": kind, "cause": cause,
             "score": alarm.score, "limit": alarm.limit, "score_text": plain_number(alarm.score),
             "limit_text": plain_number(alarm.limit), "open": alarm in trend.open_alarms}  # fmt: skip
@@ -150,17 +152,19 @@ def _row(row: MachineRow, state: Mapping[str, Any], link: str | None) -> dict[st
         "name": row.machine.name, "serial": row.machine.serial, "open": row.open, "says": row.says, "last": row.last[:10],
         "visits": row.visits, "rms": row.rms or 0.0, "findings": ", ".join(row.findings), "link": link,
         "rms_text": "" if row.rms is None else with_unit(row.rms, row.rms_unit),
-        "spark": _spark(state),
+        "spark": _spark(state, row.machine),
     }  # fmt: skip
 
 
-def _spark(state: Mapping[str, Any]) -> Spark | None:
+def _spark(state: Mapping[str, Any], machine: MachineId) -> Spark | None:
     data = state.get("spark")
     if not data:
         return None
-    marks = [(instant(a["when"]), "alarm", f"{a['when'][:10]} alarm: {alarm_words(a)}") for a in state["alarms"]]
+    marks = [
+        (instant(a["when"]), "alarm", f"{a['when'][:10]} alarm: {alarm_words(a, machine)}") for a in state["alarms"]
+    ]
     marks += [
         (instant(e["when"]), f"event {e['kind']}", f"{e['when'][:10]} {e['kind']}: {e['text']}")
         for e in state["events"]
     ]
-    return spark(data["points"], data["name"], data["unit"], marks)
+    return spark(data["points"], machine.said(data["name"]), data["unit"], marks)

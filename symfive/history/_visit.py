@@ -26,6 +26,8 @@ STAGES = ("", "as-found", "as-left")
 """Of one day the state that was found lies before the one that was left."""
 KINDS = ("repair", "adjustment", "collision", "note")
 MOST_TEXT = 500
+SHOWN = 4
+"""Quantities of a finding that are shown, those beyond 2σ, at most."""
 DIGITS = 12
 Twist = tuple[float, float, float]
 
@@ -67,6 +69,14 @@ class MachineId:
         """Twelve hexadecimal digits of name, serial number and structure."""
         return hashlib.sha256("\0".join((self.name, self.serial, self.structure)).encode()).hexdigest()[:12]
 
+    def said(self, name: str) -> str:
+        """One of its errors in words."""
+        if "." not in name:
+            return name
+        from symfive.effects import parameter_words
+
+        return parameter_words(name, re.findall(r"[A-Z]\w*", self.structure))
+
     def to_data(self) -> dict[str, str]:
         """As JSON."""
         return {"name": self.name, "serial": self.serial, "structure": self.structure}
@@ -102,8 +112,12 @@ class Finding:
 
     @property
     def size(self) -> str:
-        """Its parameters with their 1σ, as `play 5.0 ± 0.2 µm`."""
-        return ", ".join(f"{n.replace('_', ' ')} {with_std(v, s, u)}" for n, (v, s, u) in self.parameters.items())
+        """Its parameters with their 1σ, as `width 5.0 ± 0.2 µm`."""
+        from symfive.effects import finding_words
+
+        clear = {n: (v, s, u) for n, (v, s, u) in self.parameters.items() if abs(v) >= 2.0 * s} or self.parameters
+        shown = list(clear.items())[:SHOWN]
+        return ", ".join(f"{finding_words(self.effect, n, u)} {with_std(v, s, u)}".strip() for n, (v, s, u) in shown)
 
 
 @dataclass(frozen=True, kw_only=True)

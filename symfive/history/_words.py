@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
@@ -37,22 +38,22 @@ class MachineRow:
     def __post_init__(self) -> None:
         said = "" if self.visits else "no visits"
         if self.open and self.alarm is not None:
-            said = f"{alarm_words(self.alarm)} ({self.alarm['when'][:10]})"
+            said = f"{alarm_words(self.alarm, self.machine)} ({self.alarm['when'][:10]})"
         object.__setattr__(self, "says", said)
 
 
-def alarm_words(alarm: Mapping[str, Any]) -> str:
+def alarm_words(alarm: Mapping[str, Any], machine: MachineId) -> str:
     """An alarm as one says it: `step of EX0C +2.1 ± 0.3 µm`."""
     kind = {"step": "step", "several": "several errors stepped", "drift": "drift"}[alarm["kind"]]
-    causes = [cause_text(c) for c in alarm["causes"][:3]]
+    causes = [cause_text(c, machine) for c in alarm["causes"][:3]]
     joint = ": " if alarm["kind"] == "several" else " of "
     return f"{kind}{joint}{', '.join(causes)}" if causes else kind
 
 
-def cause_text(cause: Mapping[str, Any]) -> str:
+def cause_text(cause: Mapping[str, Any], machine: MachineId) -> str:
     """A cause with its size; those that cannot be distinguished with `or`."""
     sign = "+" if cause["change"] >= 0.0 else ""
-    return f"{' or '.join(cause['names'][:3])} {sign}{with_std(cause['change'], cause['std'], cause['unit'])}"
+    return f"{' or '.join(map(machine.said, cause['names'][:3]))} {sign}{with_std(cause['change'], cause['std'], cause['unit'])}"
 
 
 @dataclass(frozen=True, repr=False)
@@ -102,12 +103,11 @@ def trend_text(trend: Trend) -> str:
     first, last = trend.visits[0], trend.visits[-1]
     head = f"{trend.machine}: {plural(len(trend.visits), 'visit')}, {first.date} to {last.date}"
     lines = [head, *(f"  {sentence}" for sentence in _alarms(trend))]
-    lines += ["", f"{'error':<9}  {'last visit':<22}  {'now':<22}  {'a year':<22}  alarm from"]
-    rows = [_row(trend, f) for f in trend.forecasts]
-    lines += listed(rows, "history.trend(machine).forecasts")
+    rows = aligned([("error", "last visit", "now", "a year", "alarm from"), *(_row(trend, f) for f in trend.forecasts)])
+    lines += ["", rows[0], *listed(rows[1:], "history.trend(machine).forecasts")]
     open_ = [name for name in trend.data.names if name not in trend.determined]
     if open_:
-        lines.append(f"Not determined alone by these tests: {', '.join(open_[:12])}.")
+        lines.append(f"Not determined alone by these tests: {', '.join(map(trend.machine.said, open_[:12]))}.")
     lines += [forecast_sentence(f, trend) for f in trend.forecasts if f.tolerance is not None]
     said = advice(trend)
     if said:
@@ -126,14 +126,19 @@ def conditions(trend: Trend) -> str:
     )
 
 
-def _row(trend: Trend, forecast: Forecast) -> str:
-    """An error: at the last visit; now, its rate and the smallest step alarmed from the second visit on."""
+def last_value(trend: Trend, forecast: Forecast) -> tuple[str, float]:
+    """An error at the last visit, as text and as number; a dash where that had none."""
     i = trend.data.names.index(forecast.name)
-    last = with_std(float(trend.data.value[-1, i]), float(trend.data.std[-1, i]), forecast.unit)
+    value = float(trend.data.value[-1, i])
+    return (with_std(value, float(trend.data.std[-1, i]), forecast.unit) if math.isfinite(value) else "–"), value
+
+
+def _row(trend: Trend, forecast: Forecast) -> tuple[str, ...]:
+    """An error: at the last visit; now, its rate and the smallest step alarmed from the second visit on."""
     now = with_std(forecast.level, forecast.level_std, forecast.unit)
     rate = with_std(forecast.rate, forecast.rate_std, forecast.unit)
-    later = f"  {now:<22}  {rate:<22}  {smallest_step(trend, forecast)}" if len(trend.visits) > 1 else ""
-    return f"{forecast.name:<9}  {last:<22}{later}".rstrip()
+    later = (now, rate, smallest_step(trend, forecast)) if len(trend.visits) > 1 else ("", "", "")
+    return trend.machine.said(forecast.name), last_value(trend, forecast)[0], *later
 
 
 def smallest_step(trend: Trend, forecast: Forecast) -> str:
@@ -158,22 +163,22 @@ def alarm_sentence(trend: Trend, number: int) -> str:
     alarm = trend.alarms[number]
     when, since = trend.visits[alarm.visit].date, trend.visits[alarm.since].date
     later = f", since {since}" if since != when else ""
-    return f"{when}: {alarm_words(alarm_data(alarm, trend))}{later}"
+    return f"{when}: {alarm_words(alarm_data(alarm, trend), trend.machine)}{later}"
 
 
 def forecast_sentence(forecast: Forecast, trend: Trend) -> str:
     """When an error passes its tolerance, with the band; "" for one without a tolerance."""
     if forecast.tolerance is None:
         return ""
-    limit = f"±{plain_number(forecast.tolerance)} {unit_words(forecast.unit)}"
+    limit, name = f"±{plain_number(forecast.tolerance)} {unit_words(forecast.unit)}", trend.machine.said(forecast.name)
     if forecast.beyond:
-        return f"{forecast.name} is beyond {limit} today."
+        return f"{name} is beyond {limit} today."
     if forecast.earliest is None:
-        return f"{forecast.name} stays within {limit} until {time_text(trend.horizon)[:10]}."
+        return f"{name} stays within {limit} until {time_text(trend.horizon)[:10]}."
     likely = time_text(forecast.likely)[:10] if forecast.likely is not None else "not in sight"
     latest = time_text(forecast.latest)[:10] if forecast.latest is not None else "perhaps never"
     band = f"{100 * BAND:.0f} % band {time_text(forecast.earliest)[:10]} to {latest}"
-    return f"{forecast.name} passes {limit}: {likely} ({band})."
+    return f"{name} passes {limit}: {likely} ({band})."
 
 
 def advice(trend: Trend) -> str:
