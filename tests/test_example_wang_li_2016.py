@@ -195,7 +195,7 @@ def test_an_askew_plate_reads_as_roll_and_is_found(askew):
     )  # travel over distance of the lines
     assert askew.diagnosis.mismatch
     assert not askew.clean.mismatch
-    assert any("EAX.P1" in words and "plate c of run x-line2-xy" in words for words in askew.says)
+    assert any("EAX (order 1)" in words and "plate c of run x-line2-xy" in words for words in askew.says)
     assert abs(askew.known["EAX.P1"]) < 2.0 * askew.known.uncertainty("EAX.P1")
 
 

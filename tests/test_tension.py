@@ -11,6 +11,7 @@ from symfive.identify import Tension, identify, relief_notes, tensions
 from symfive.machine import preset
 from symfive.model import Model
 from symfive.procedures import campaign_of, planar_circle, r_test_grid
+from symfive.parameters import Parameter
 from symfive.report import diagnosis_text
 from symfive.simulate import simulate
 
@@ -83,7 +84,8 @@ def test_readings_that_refute_a_fit_are_not_explained_nearly_as_well_by_it() -> 
 
 
 def test_of_a_clock_that_is_far_off_the_times_are_to_be_checked() -> None:
-    late = Tension(kind="set-up", statistic=1e4, dof=2.0, p=0.0, worst="setup.ccw.clock", sigmas=100.0)
+    clock = Parameter(name="setup.ccw.clock", unit="ms", sigma=1.0, kind="setup", run="ccw")
+    late = Tension(kind="set-up", statistic=1e4, dof=2.0, p=0.0, worst=clock, sigmas=100.0)
     assert late.words == "clock of run ccw" and "clock of run ccw by 100.0 σ" in late.says
     runs = tuple(replace(run, clock_sigma_ms=1.0) for run in PLAN.runs)
     plan = replace(PLAN, runs=runs)

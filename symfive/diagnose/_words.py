@@ -33,8 +33,9 @@ def facts_of(finding: Finding, after: Identification) -> dict[str, str]:
         sizes.append(f"{plain_number(usual)} times its usual size: check the units, or look for another cause")
     hidden = [f"geometry and set-up absorbed {percent(1.0 - finding.visible)} of it"] if finding.visible < 0.999 else []
     hidden += [", ".join(_moves(finding, after)[:SHOWN_MOVES])] if finding.moved else []
-    if finding.effect.hidden_by and not finding.unidentified:
-        hidden.append(f"in general: {finding.effect.hidden_by.rstrip('.')}")
+    law = finding.effect.of if isinstance(finding.effect, Varying) else finding.effect
+    if law.hidden_by and not finding.unidentified:
+        hidden.append(f"in general: {law.hidden_by.rstrip('.')}")
     same = _as_good(finding, machine)
     likely = [r for r in finding.rivals if r.confidence >= SHOWN_RIVAL and r.words != same]
     rivals = [f"{r.words} {percent(r.confidence)}" for r in likely[:SHOWN_RIVALS]]

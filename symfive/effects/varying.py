@@ -42,6 +42,8 @@ class Varying(Effect):
     id = "varying"
     reported_as = "unknown"
     says = "like a known effect, but its size changes along a coordinate"
+    hidden_by = "the effect it resembles"
+    terms = (("varies", "variation {}"),)
     action = "look for a cause that changes along this coordinate; correct it only in the range that was recorded"
     of: Effect
     over: str
@@ -59,15 +61,8 @@ class Varying(Effect):
         """The law's word while it is right to that share."""
         return self.of.vocabulary if self.minor else self.reported_as
 
-    @property
-    def hidden_by(self) -> str:  # type: ignore[override]
-        """What absorbs it: the law, unless it bears its name."""
-        return self.of.hidden_by if self.minor else "the effect it resembles"
-
-    @property
-    def terms(self) -> tuple[tuple[str, str], ...]:  # type: ignore[override]
-        """Those of the effect, and its share that varies."""
-        return (*self.of.terms, ("varies", "variation {}"))
+    def quantity_words(self, name: str, unit: str | None) -> str:
+        return super().quantity_words(name, unit) if name.startswith("varies") else self.of.quantity_words(name, unit)
 
     def advice(self, sizes: Mapping[str, Quantity]) -> tuple[str, str]:
         return self.of.advice(sizes) if self.minor else super().advice(sizes)
