@@ -10,8 +10,8 @@ from symfive.effects import make_effect
 from symfive.identify import Tension, identify, relief_notes, tensions
 from symfive.machine import preset
 from symfive.model import Model
-from symfive.procedures import campaign_of, planar_circle, r_test_grid
 from symfive.parameters import Parameter
+from symfive.procedures import campaign_of, planar_circle, r_test_grid
 from symfive.report import diagnosis_text
 from symfive.simulate import simulate
 
