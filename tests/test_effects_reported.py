@@ -14,9 +14,12 @@ from laser_world import laser_run
 from symfive.campaign import Campaign, Run, read_campaign
 from symfive.effects import EFFECTS, VOCABULARY, Quantity, form_words, make_effect
 from symfive.errors import InputError
+from symfive.identify import identify
 from symfive.machine import Machine, Structure, make_axis
 from symfive.model import Model, effect_to_data, effects_from_data, signature
+from symfive.report import identification_text
 from symfive.report.signature import plot_signature
+from symfive.simulate import simulate
 
 
 @every_case
@@ -271,3 +274,20 @@ def test_every_parameter_says_what_it_is_in_words(number: int) -> None:
     for p in model.parameters:
         assert p.kind == "location_error" or not re.search(r"_|\.(?! )|\b(sin|cos|P|S)\d", p.words), p.words
         assert p.kind != "effect" or p.of_setup or p.what == form_words(p.name, model.machine)
+
+
+def test_a_letter_has_no_raw_name_and_a_wave_has_amplitude_and_phase() -> None:
+    """`load_moment.Y.w.X` stood in letters, and sine and cosine coefficients where a person reads a periodic error."""
+    motion = make_effect("error_motion", component="EAC", basis="fourier", order=2)
+    effects = [make_effect("load_moment", "Y"), motion, make_effect("unknown", over=("B",))]
+    truth = {"error_motion.EAC.sin2": 30.0, "error_motion.EAC.cos2": 40.0}
+    measured = simulate(campaign("static"), effects=effects, truth=truth, seed=1)
+    found = identify(Model(measured.campaign, effects))
+    text = identification_text(found)
+    assert not re.search(r"\w_\w|[A-Za-z0-9]\.[A-Za-z]|\b(sin|cos|P|S)\d", text), text
+    size, phase = (
+        re.search(rf"^ *(\S+) +\S+ +\S+ .*\(EAC, {what} of order 2\)", text, re.M) for what in ("amplitude", "phase")
+    )
+    assert float(size[1]) == pytest.approx(50.0, abs=2.0) and float(phase[1]) == pytest.approx(53.13, abs=2.0)
+    said = motion.describe(measured.campaign, found.named, {})
+    assert said["sin2"].aside and said["phase2"].said.value == pytest.approx(math.degrees(said["phase2"].value))
