@@ -87,9 +87,7 @@ class Worth:
         if self.tool is not None and self.tool < NOTHING:
             return "no gain at the tool"
         if self.by_setup:
-            return (
-                f"correct if {self._said(self.by_setup[0])} is known to its 1σ: the readings alone do not separate them"
-            )
+            return f"correct only if {self._said(self.by_setup[0])} is known to its 1σ: these readings cannot separate them"
         return "correct" if self.explained else "correct, then measure again: the model does not explain the readings"
 
     def _said(self, name: str) -> str:

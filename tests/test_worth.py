@@ -130,4 +130,4 @@ def test_what_only_the_set_ups_1_sigma_separates_says_so():
     found = identify(simulate(campaign_of(machine, grid), truth={"EX0C": 150.0}, seed=1))
     (worth,) = worth_of(found, [["EX0C"]])
     assert worth.certain and any(name.endswith("tool_ball.x") for name in worth.by_setup)
-    assert worth.advice.startswith("correct if tool ball x of run") and "known to its 1σ" in worth.advice
+    assert worth.advice.startswith("correct only if tool ball x of run") and "known to its 1σ" in worth.advice

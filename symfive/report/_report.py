@@ -14,7 +14,7 @@ from symfive.drawing import poses_figure
 from symfive.errors import InputError
 from symfive.identify import Identification
 from symfive.inference import not_separated
-from symfive.numbers import expected_ratio, with_unit
+from symfive.numbers import plain_number
 from symfive.outputs import write_bytes
 from symfive.report._correlation import correlation_matrix
 from symfive.report._over_coordinates import residuals_over_coordinates
@@ -176,10 +176,6 @@ def _facts(identification: Identification) -> list[str]:
 
 
 def _quality(identification: Identification) -> str:
-    known = {unit: value for unit, value in identification.rms.items() if unit != "mixed"}
-    rms = ", ".join(with_unit(value, unit) for unit, value in known.items())
-    return (
-        f"Residual RMS {rms or 'not available'}; χ²/dof {identification.chi2_dof:.4g} against the declared noise, "
-        f"{identification.chi2_dof_whitened:.4g} against the estimated noise; {identification.dof:.0f} degrees of freedom: "
-        f"{expected_ratio(identification.dof)}"
-    )
+    """What the verdict does not say of the fit."""
+    against = f"χ²/dof {plain_number(identification.chi2_dof_whitened)} against the estimated noise"
+    return f"{against}; {plural(round(identification.dof), 'degree')} of freedom"
