@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -27,7 +27,7 @@ class Parameter:
 
     `kind` is `location_error`, `error_motion`, `setup`, `drive`, `instrument` or `effect`; `run` the run or `mounting` the
     mounting of several runs that it belongs to (both None: the machine); `start` where estimation begins if not at the prior
-    mean; `called` in words, where its name does not say it.
+    mean; `called` in words, where its name does not say it, or what says its `quantity` in words when asked.
     """
 
     name: str
@@ -40,11 +40,13 @@ class Parameter:
     run: str | None = None
     mounting: str | None = None
     start: float | None = None
-    called: str = field(default="", compare=False)
+    called: str | Callable[[str], str] = field(default="", compare=False, repr=False)
 
     @property
     def what(self) -> str:
         """What it is, in words, without its run: `backlash of axis X (width)`, `EX0C`, `tool ball x`."""
+        if callable(self.called):
+            return self.called(self.quantity)
         if self.called or not self.of_setup:
             return self.called or self.name
         return self.quantity.replace("_", " ").replace(".", " ")

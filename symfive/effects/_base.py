@@ -100,16 +100,16 @@ class Effect:
     @property
     def words(self) -> str:
         """Its kind, axis and component, as `gravity sag of axis B (EXB)`."""
-        return self._called()
+        return self.called(self.key)
 
     def quantity_words(self, name: str, unit: str | None) -> str:
         """What `describe` gives under this name, in words, without the unit that stands behind the number."""
         return quantity_words(name, unit, self.terms)
 
-    def _called(self, *parameter: str) -> str:
-        """It, or its parameter of this name, in words."""
+    def called(self, name: str) -> str:
+        """The words of its parameter of this name, or of its key."""
         axis = self.belongs_to
-        return key_words(".".join((self.key, *parameter)), (axis,) if axis else (), self.terms)
+        return key_words(name, (axis,) if axis else (), self.terms)
 
     @property
     def link(self) -> str:
@@ -257,7 +257,7 @@ class Effect:
         """A parameter of this effect."""
         scale = self.spread if self.departs or more.get("mean", 0.0) == 0.0 else 1.0
         return Parameter(name=f"{self.key}.{name}", unit=unit, sigma=scale * sigma, kind="effect",
-                         called=self._called(name), **more)  # fmt: skip
+                         called=self.called, **more)  # fmt: skip
 
     def time_constant(self, tau: float, name: str = "time_constant_s") -> Parameter:
         """A parameter for a time constant, s, that usually is about `tau`."""
@@ -296,7 +296,7 @@ class Effect:
         sigma = 3.0**-0.5  # of what is equally probable in -1…+1
         return (
             Parameter(name=name, unit="1", sigma=sigma, lower=-1.0, upper=1.0, kind="setup", run=run.id,
-                      called=self._called("start")),
+                      called=self.called),
         )  # fmt: skip
 
     def its_axis(self, campaign: Campaign) -> Axis:

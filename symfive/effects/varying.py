@@ -61,6 +61,10 @@ class Varying(Effect):
         """The law's word while it is right to that share."""
         return self.of.vocabulary if self.minor else self.reported_as
 
+    def called(self, name: str) -> str:
+        number = name.removeprefix(f"{self.key}.varies.")
+        return self.of.words if number == name else f"{self.of.words} (variation {number})"
+
     def quantity_words(self, name: str, unit: str | None) -> str:
         return super().quantity_words(name, unit) if name.startswith("varies") else self.of.quantity_words(name, unit)
 
@@ -144,11 +148,7 @@ class Varying(Effect):
         return tuple(f"{self.key}.{name}" for name in names)
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
-        said = f"{self._inner.words} (variation"
-        share = [
-            Parameter(name=name, unit="1", sigma=1.0, kind="effect", called=f"{said} no. {number})")
-            for number, name in enumerate(self._varied, start=1)
-        ]
+        share = [Parameter(name=name, unit="1", sigma=1.0, kind="effect", called=self.called) for name in self._varied]
         return (*self._inner.parameters(campaign), *share)
 
     def amplitudes(self, campaign: Campaign) -> tuple[Parameter, ...]:
