@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from symfive.arrays import Array
+from symfive.arrays import Array, Indices
 from symfive.campaign import Run
 from symfive.design._candidates import candidates_in, rows_of
 from symfive.design._rounding import on_grid
@@ -13,8 +13,6 @@ from symfive.design._space import Space
 from symfive.errors import InputError
 from symfive.moves import REMEDY, Ways
 from symfive.optimal import Rows, Task, exchange
-
-PASSES = 2
 
 
 class Reach:
@@ -59,17 +57,11 @@ def with_ways_out(reach: Reach, task: Task, rows: Rows) -> Rows:
     first = next(what for what in met if what)
     grid = candidates_in(space, *rows.setups, on_grid(space, poses_everywhere(space)))
     joined = rows_of(space, rows).joined(grid)
-    count = len(rows.z)
-    chosen, out = np.arange(count), np.zeros(len(joined), dtype=bool)
-    while True:
-        out[[i for i, what in zip(chosen, met, strict=True) if what]] = True
-        left = np.flatnonzero(~out)
-        if not left.size:
-            raise InputError(f"no pose has a clear exit path: {first} is in the way", remedy=REMEDY)
-        place = {int(i): n for n, i in enumerate(left)}
-        start = np.array([place.get(int(i), -1) for i in chosen])
-        start[start < 0] = np.resize(np.arange(left.size)[::-1], int((start < 0).sum()))
-        chosen = left[exchange(task, joined.take(left), rows.groups, start, PASSES)]
-        met = reach.in_the_way(joined.z[chosen], joined.k[chosen])
-        if not any(met):
-            return Rows.of(joined.z[chosen], joined.k[chosen], joined.group[chosen], rows.poses)
+
+    def reached(some: Indices) -> list[bool]:
+        return [not what for what in reach.in_the_way(joined.z[some], joined.k[some])]
+
+    chosen = exchange(task, joined, rows.groups, np.arange(len(rows.z)), allowed=reached)
+    if not all(reached(chosen)):
+        raise InputError(f"no pose has a clear exit path: {first} is in the way", remedy=REMEDY)
+    return Rows.of(joined.z[chosen], joined.k[chosen], joined.group[chosen], rows.poses)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +13,10 @@ from symfive.optimal._information import Layout, Task, inverse
 WORTH = 1e-6
 """An exchange must lower ψ by more than this."""
 PASSES = 12
+AT_ONCE = 16
+"""Candidates about which is asked together."""
+Allowed = Callable[[Indices], Sequence[bool]]
+"""Whether each of some candidates, by their numbers, may be read."""
 
 
 @dataclass(frozen=True)
@@ -128,24 +133,62 @@ def _state(task: Task, candidates: Candidates, groups: int, chosen: Indices) -> 
     return _State(task, layout, whole, task.prior_information(groups) + taken @ taken.T)
 
 
-def exchange(task: Task, candidates: Candidates, groups: int, chosen: Indices, passes: int = PASSES) -> Indices:
-    """Each row in turn is replaced by the candidate that lowers ψ most, until a whole pass changes nothing."""
-    chosen = chosen.copy()
+def exchange(
+    task: Task, candidates: Candidates, groups: int, chosen: Indices, passes: int = PASSES, allowed: Allowed | None = None
+) -> Indices:  # fmt: skip
+    """Each row in turn is replaced by the candidate that lowers ψ most, until a whole pass changes nothing.
+
+    Of candidates that are not `allowed` none enters, and those that are chosen leave for the best that is, if there is one.
+    """
+    chosen, asked = chosen.copy(), _Asked(allowed, chosen)
     state = _state(task, candidates, groups, chosen)
     value = task.value(state.information)
     for _ in range(passes):
-        before = value
-        for place in range(len(chosen)):
-            gains = state.gains(int(chosen[place]))
-            best = int(np.argmax(gains))
-            if gains[best] <= gains[chosen[place]] * (1.0 + WORTH):
+        settled = True
+        for place in sorted(range(len(chosen)), key=lambda i: not asked.refused(int(chosen[i]))):
+            gains, here = state.gains(int(chosen[place])), int(chosen[place])
+            refused = asked.refused(here)
+            best = asked.best(gains, -np.inf if refused else gains[here] * (1.0 + WORTH))
+            if best is None:
                 continue
-            entering, leaving = state.whole[best], state.whole[chosen[place]]
+            entering, leaving = state.whole[best], state.whole[here]
             trial = state.information + entering @ entering.T - leaving @ leaving.T
-            if (reached := task.value(trial)) < value - WORTH:
-                value, state.information = reached, trial
+            if (reached := task.value(trial)) < value - WORTH or refused:
+                value, state.information, settled = reached, trial, False
                 chosen[place] = best
                 state.update()
-        if before - value < WORTH:
+        if settled:
             break
     return chosen
+
+
+class _Asked:
+    """What is known of which candidates are allowed: all of them where nobody is to be asked."""
+
+    def __init__(self, allowed: Allowed | None, chosen: Indices) -> None:
+        self.allowed = allowed
+        self._known: dict[int, bool] = {}
+        if allowed is not None:
+            self._ask(np.unique(chosen))
+
+    def refused(self, candidate: int) -> bool:
+        """Whether a candidate that was asked about is not allowed."""
+        return not self._known.get(candidate, True)
+
+    def best(self, gains: Array, least: float) -> int | None:
+        """The allowed candidate with the largest of the gains (n,), if that is above `least`."""
+        if self.allowed is not None:
+            gains = gains.copy()
+            gains[[i for i, good in self._known.items() if not good]] = -np.inf
+        while gains[best := int(np.argmax(gains))] > least:
+            if self.allowed is None or self._known.get(best):
+                return best
+            if best not in self._known:
+                ranked = np.argsort(gains)[::-1][:AT_ONCE]
+                self._ask(np.array([i for i in ranked if i not in self._known and gains[i] > least]))
+            gains[[i for i, good in self._known.items() if not good]] = -np.inf
+        return None
+
+    def _ask(self, some: Indices) -> None:
+        assert self.allowed is not None
+        self._known |= dict(zip(some.tolist(), map(bool, self.allowed(some)), strict=True))
