@@ -12,14 +12,16 @@ import itertools
 import numpy as np
 
 from symfive.arrays import Array, Indices
-from symfive.design._sensitivity import PENALTY, local_maxima, sensitivity_function
+from symfive.design._sensitivity import local_maxima, penalty_of, sensitivity_function
 from symfive.design._space import Space
-from symfive.optimal import Candidates, Relaxed, Task, sensitivity
+from symfive.optimal import TINY, Candidates, Relaxed, Task, sensitivity
 
 COARSE = 4096
 FEW, MANY = 25, 125
 """Poses of the grid in a set-up from which a search ascends, by the square of how many angles a pose has: while poses are
 collected, and before nothing more is sought."""
+BLOCKS = 8
+"""Of every angle: many of the best poses lie about one maximum, and those about the others would start nowhere."""
 MOST_FRESH, NEAR = 200, 3e-3
 """Poses that a search returns, and how far apart these are, of the ranges."""
 FROM_GRID, HALVINGS, THINNED, SLANTED = 192, 14, (3, 6), 4
@@ -43,6 +45,24 @@ class Search:
         self.violated = np.sum(np.minimum(space.kernel.limits(z, k), 0.0) ** 2, axis=1)
         self.grid = self.all.take(np.flatnonzero(self.fits))
         self.whole = self.layout.embed(self.all.rows, group)
+        self.block = self._blocks(z, group)
+
+    def _blocks(self, z: Array, group: Indices) -> Indices:
+        """The block of its set-up that each pose lies in (n,), of `BLOCKS` along every angle."""
+        poses, low, high = self.space.poses, self.space.lower, self.space.upper
+        share = (z[:, :poses] - low[:poses]) / np.maximum(high - low, TINY)[:poses]
+        place = np.minimum((BLOCKS * share).astype(np.int64), BLOCKS - 1)
+        return np.asarray(np.ravel_multi_index((group, *place.T), (self.groups, *(BLOCKS,) * poses)))
+
+    def _starts(self, merit: Array, g: int, count: int) -> Indices:
+        """Where to begin in set-up g: the best pose of every block, best first, then the second ones."""
+        mine = np.flatnonzero(self.all.group == g)
+        mine = mine[np.argsort(merit[mine])[::-1]]
+        by_block = np.argsort(self.block[mine], kind="stable")
+        blocks = self.block[mine][by_block]
+        rank = np.empty(len(mine), dtype=np.int64)
+        rank[by_block] = np.arange(len(mine)) - np.searchsorted(blocks, blocks)
+        return np.asarray(mine[np.argsort(rank, kind="stable")][:count])
 
     def _rows(self, poses: Array) -> tuple[Array, Array, Indices]:
         n = len(poses)
@@ -56,15 +76,15 @@ class Search:
         seen = sensitivity(pull, self.whole)
         known = sensitivity(pull, self.layout.embed(columns.rows, columns.group))
         top = max(float(seen[self.fits].max(initial=0.0)), float(known.max(initial=0.0)))
-        merit = seen / top - PENALTY * self.violated
+        penalty = penalty_of(seen / top, self.violated)
+        merit = seen / top - penalty * self.violated
         poses = self.space.poses
         parts = []
         for g in range(self.groups):
-            mine, own = np.flatnonzero(self.all.group == g), columns.group == g
-            mine = mine[np.argsort(merit[mine])[::-1][: starts * poses**2]]
+            mine, own = self._starts(merit, g, starts * poses**2), columns.group == g
             start = np.concatenate([self.all.z[mine], columns.z[own]])[:, :poses]
             phi = sensitivity_function(self.space, self.layout, pull, self.setups[g], self.lengths[g], g)
-            higher = local_maxima(phi, start, top)
+            higher = local_maxima(phi, start, top, penalty)
             there = np.where(self.space.feasible(*phi.decided(higher)), phi.values(higher), -np.inf)
             before = np.concatenate([np.where(self.fits[mine], seen[mine], -np.inf), known[own]])
             value = np.concatenate([there, before])

@@ -16,9 +16,11 @@ from symfive.design._space import Space
 from symfive.optimal import Layout
 
 PENALTY = 10.0
-"""Weight of the squared violation (in 100 mm) against φ over its largest value."""
-STAGES = ((PENALTY, 6), (PENALTY, 8), (30.0 * PENALTY, 6))
-"""Weights and steps of the ascent, one after the other; after each stage poses that have met are one."""
+"""Least weight of the squared violation (in 100 mm) against φ over its largest value."""
+WELL_OUTSIDE = 0.05
+"""Violation (in 100 mm) from which on no pose may count more than the best in reach."""
+STAGES = ((1.0, 6), (1.0, 8), (30.0, 6))
+"""Shares of the weight and steps of the ascent, one after the other; after each stage poses that have met are one."""
 MET = 1e-3
 """rad."""
 SETTLED = 1e-5
@@ -96,14 +98,23 @@ def sensitivity_function(
     return SensitivityFunction(space, half[:, columns], setup, k)
 
 
-def local_maxima(phi: SensitivityFunction, poses: Array, top: float) -> Array:
-    """Local maxima of φ, of which `top` is about the largest, from the poses (n, d); some may end outside the limits.
+def penalty_of(seen: Array, violated: Array) -> float:
+    """The weight of the squared violation with which no pose well outside the limits counts more than the best in reach, of φ
+    over its largest value in reach (n,) and the squared violation (n,) of poses everywhere: beyond a limit φ may be far larger,
+    and a lighter penalty would lead the ascent there."""
+    far = violated > WELL_OUTSIDE**2
+    return float(np.max((seen[far] - 1.0) / violated[far], initial=PENALTY))
+
+
+def local_maxima(phi: SensitivityFunction, poses: Array, top: float, penalty: float) -> Array:
+    """Local maxima of φ, of which `top` is about the largest, from the poses (n, d), with a `penalty` of the squared violation;
+    some may end outside the limits.
 
     A pose near which the chain is singular, so that φ and the limits are not finite or their products are not, stays where it is.
     """
     with np.errstate(over="ignore", invalid="ignore"):
-        for penalty, steps in STAGES:
-            poses = _newton_steps(phi, poses, top, penalty, steps)
+        for share, steps in STAGES:
+            poses = _newton_steps(phi, poses, top, share * penalty, steps)
             poses = poses[np.unique(np.round(poses / MET), axis=0, return_index=True)[1]]
         return _restored(phi, poses)
 
