@@ -19,7 +19,7 @@ import numpy as np
 
 from symfive.design._candidates import candidates_in, pose_grid, rows_of, setup_options
 from symfive.design._space import Space
-from symfive.optimal import Candidates, Rows, Task, inverse, marginal_sensitivity, relax
+from symfive.optimal import Candidates, Rows, Task, marginal_sensitivity, relax
 
 POSES = 200
 ROUNDS, JOINING = 4, 2
@@ -39,9 +39,8 @@ def bound_anywhere(space: Space, task: Task, rows: Rows, runs: int) -> float:
     prior = np.diag(task.own_sigma**-2.0)
     for _ in range(ROUNDS):
         columns = _columns(space, rows, grid, active)
-        relaxed = relax(task, columns, len(active), points, tolerance=0.5 * GAP)
-        information = task.information(columns.rows, columns.group, len(active), relaxed.weights)
-        pull = task.pull(inverse(information))[: len(task.prior), : len(task.prior)]
+        relaxed = relax(task, columns, len(active), points, tolerance=0.5 * GAP, whole_poses=True)
+        pull = relaxed.pull[: len(task.prior), : len(task.prior)]
         each: dict[int, tuple[float, float]] = {}
         enough = (-math.inf, 0.0)
         for s in sorted(np.unique(grid.group).tolist(), key=lambda s: s not in active):
@@ -50,7 +49,7 @@ def bound_anywhere(space: Space, task: Task, rows: Rows, runs: int) -> float:
                 enough = max(enough[0], each[s][0]), max(enough[1], each[s][1])
         most = max(top for top, _ in each.values())
         extra = runs * max(fixed for _, fixed in each.values())
-        bound = max(bound, relaxed.value - math.log(float(np.sum(pull * task.prior)) + points * most + extra))
+        bound = max(bound, relaxed.lowest(float(np.sum(pull * task.prior)) + points * most + extra))
         if relaxed.value - bound < GAP:
             break
         best = sorted((s for s in each if s not in active), key=lambda s: each[s][0])

@@ -170,7 +170,7 @@ def generate(
         tolerance = max(
             0.5 * gap, min(0.02, 0.1 * (reached - bound))
         )  # while columns are missing, no sharper than they
-        relaxed = relax(task, columns, rows.groups, points, weights, tolerance=tolerance)
+        relaxed = relax(task, columns, rows.groups, points, weights, tolerance=tolerance, whole_poses=True)
         reached = min(reached, relaxed.value)
         relaxed = replace(relaxed, pull=_extended(task, relaxed, columns, search.grid, rows.groups, points))
         kept = np.flatnonzero(relaxed.weights > KEPT * points)
@@ -214,4 +214,4 @@ def _extended(task: Task, relaxed: Relaxed, columns: Candidates, grid: Candidate
 
 
 def _bound(task: Task, relaxed: Relaxed, groups: int, points: int, top: float) -> float:
-    return relaxed.value - math.log(float(np.sum(relaxed.pull * task.prior_information(groups))) + points * top)
+    return relaxed.lowest(float(np.sum(relaxed.pull * task.prior_information(groups))) + points * top)

@@ -15,13 +15,14 @@ and how many belong into which set-up: whole numbers of readings (`choose`) begi
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from symfive.arrays import Array, Indices
 from symfive.optimal._exchange import PASSES, Candidates, exchange
 from symfive.optimal._information import Task, inverse
+from symfive.optimal._rank import LimitedRank
 
 TOLERANCE = 1e-3
 NEGLIGIBLE = 1e-6
@@ -33,12 +34,33 @@ ROUNDS, INTERIOR, INNER = 12, 40, 30
 
 @dataclass(frozen=True)
 class Relaxed:
-    """Weights (n,) that sum to the number of readings, ψ and the lowest ψ any design on these candidates can have."""
+    """Weights (n,) that sum to the number of readings, ψ and the lowest ψ any design on these candidates can have; G = `pull`
+    and ⟨G, M⟩ = `held`, 1 of a criterion that is homogeneous."""
 
     weights: Array
     value: float
     bound: float
     pull: Array
+    held: float = 1.0
+
+    def lowest(self, told: float) -> float:
+        """The lowest ψ of any design of which ⟨G, M⟩ is at most `told`."""
+        more = told - self.held
+        return self.value - (math.log1p(more) if self.held == 1.0 else more)
+
+
+def _at(task: Task, information: Array, prior: Array, rank: int | None) -> tuple[float, Array, float]:
+    """ψ, G and ⟨G, M⟩ at an information matrix."""
+    if rank is not None:
+        limited = LimitedRank.at(task, information, prior, rank)
+        return limited.value, limited.pull, limited.held
+    covariance = inverse(information)
+    return task.criterion.value(task.of_interest(covariance)), task.pull(covariance), 1.0
+
+
+def _limiting(task: Task, readings: int) -> int | None:
+    """The rank of so many readings where it is less than the criterion counts on."""
+    return readings if task.criterion.determinant and readings < len(task.interest) else None
 
 
 def sensitivity(pull: Array, whole: Array) -> Array:
@@ -55,8 +77,9 @@ def relax(
     points: float,
     start: Array | None = None,
     tolerance: float = TOLERANCE,
+    whole_poses: bool = False,
 ) -> Relaxed:
-    """Weights on the candidates, optimal to `tolerance` in ψ.
+    """Weights on the candidates, optimal to `tolerance` in ψ; for `whole_poses` of ψ_r (`_rank`).
 
     Few multiplicative steps (D. M. Titterington 1976) find the candidates that matter; an interior point with exact second
     derivatives finishes on them; candidates whose sensitivity exceeds the bound come back until none does.
@@ -65,25 +88,24 @@ def relax(
     whole = layout.embed(candidates.rows, candidates.group)
     prior = task.prior_information(groups)
     n = len(candidates)
+    rank = _limiting(task, math.floor(points) * whole.shape[2]) if whole_poses else None
     weights = np.full(n, points / n) if start is None else 0.9 * start * points / start.sum() + 0.1 * points / n
     first = min(max(LIVE * len(prior), LEAST_LIVE), MOST_LIVE)
     if n > first:
-        weights = _multiplied(task, whole, prior, points, weights)
+        weights = _multiplied(task, whole, prior, points, weights, rank)
     live = np.sort(np.argsort(weights)[::-1][:first])
     best: Relaxed | None = None
     for _ in range(ROUNDS):
         inner = weights[live] / weights[live].sum() * points
-        inner = _interior(task, whole[live], prior, points, inner, 0.2 * tolerance)
-        covariance = inverse(prior + _gathered(whole[live], inner))
-        pull = task.pull(covariance)
+        inner = _interior(task, whole[live], prior, points, inner, 0.2 * tolerance, rank)
+        value, pull, held = _at(task, prior + _gathered(whole[live], inner), prior, rank)
         seen = sensitivity(pull, whole)
-        value = task.criterion.value(task.of_interest(covariance))
-        bound = value - float(np.log(np.sum(pull * prior) + points * seen.max()))
         weights = np.zeros(n)
         weights[live] = inner
-        highest = bound if best is None else max(bound, best.bound)
-        best = Relaxed(weights, value, highest, pull)
-        if value - highest < tolerance:
+        found = Relaxed(weights, value, -math.inf, pull, held)
+        bound = found.lowest(float(np.sum(pull * prior) + points * seen.max()))
+        best = replace(found, bound=bound if best is None else max(bound, best.bound))
+        if value - best.bound < tolerance:
             break
         fresh = np.setdiff1d(np.argsort(seen)[::-1][:FRESH], live)
         kept = live[inner > NEGLIGIBLE * points]
@@ -99,12 +121,15 @@ def _gathered(whole: Array, weights: Array) -> Array:
     return np.asarray((flat * np.repeat(weights, whole.shape[2])) @ flat.T)
 
 
-def _multiplied(task: Task, whole: Array, prior: Array, points: float, weights: Array) -> Array:
+def _multiplied(
+    task: Task, whole: Array, prior: Array, points: float, weights: Array, rank: int | None
+) -> Array:  # fmt: skip
     """w ← w·⟨G, F⟩ (square root for criteria that are no determinant), normalised, a few times."""
     power = 1.0 if task.criterion.determinant else 0.5
     live = np.arange(len(weights))
     for _ in range(MULTIPLICATIVE):
-        seen = sensitivity(task.pull(inverse(prior + _gathered(whole[live], weights[live]))), whole[live])
+        pull = _at(task, prior + _gathered(whole[live], weights[live]), prior, rank)[1]
+        seen = sensitivity(pull, whole[live])
         gain = weights[live] * np.maximum(seen, 0.0) ** power  # rounding leaves some below 0
         if not gain.any():
             break  # no pose is informative about what is known worst
@@ -115,14 +140,16 @@ def _multiplied(task: Task, whole: Array, prior: Array, points: float, weights: 
     return weights
 
 
-def _interior(task: Task, whole: Array, prior: Array, points: float, weights: Array, tolerance: float) -> Array:
+def _interior(
+    task: Task, whole: Array, prior: Array, points: float, weights: Array, tolerance: float, rank: int | None
+) -> Array:  # fmt: skip
     """Primal-dual interior point for min exp ψ(w), Σw = points, w ≥ 0 (exp ψ is convex)."""
     weights = np.maximum(weights, 1e-4 * points / len(weights))
     weights *= points / weights.sum()
     multiplier = 0.0
     duals = np.full(len(weights), 0.0)
     for iteration in range(INTERIOR):
-        slope, bent = _derivatives(task, whole, prior, weights)
+        slope, bent = _derivatives(task, whole, prior, weights, rank)
         if iteration == 0:
             multiplier = float(-slope @ weights / points)
             duals = np.maximum(slope + multiplier, 0.1 * multiplier / len(weights) ** 0.5 + 1e-9)
@@ -146,9 +173,14 @@ def _interior(task: Task, whole: Array, prior: Array, points: float, weights: Ar
     return weights
 
 
-def _derivatives(task: Task, whole: Array, prior: Array, weights: Array) -> tuple[Array, Array]:
+def _derivatives(
+    task: Task, whole: Array, prior: Array, weights: Array, rank: int | None
+) -> tuple[Array, Array]:  # fmt: skip
     """Slope (n,) and second derivatives (n, n) of exp ψ, divided by its value."""
     information = prior + _gathered(whole, weights)
+    if rank is not None:
+        slope, bent = LimitedRank.at(task, information, prior, rank).derivatives(whole)
+        return slope, bent + np.outer(slope, slope)
     if task.criterion.determinant:
         slope, bent = _of_log_det(whole, information)
         others = np.setdiff1d(np.arange(len(prior)), task.interest)
@@ -222,7 +254,7 @@ ROUGH = 0.02
 
 def choose(task: Task, candidates: Candidates, groups: int, points: int, passes: int = PASSES) -> Indices:
     """`points` candidates, a repeated reading listed as often, by exchange from the relaxed design."""
-    weights = relax(task, candidates, groups, points, tolerance=ROUGH).weights
+    weights = relax(task, candidates, groups, points, tolerance=ROUGH, whole_poses=True).weights
     return exchange(task, candidates, groups, apportioned(weights, points), passes)
 
 
