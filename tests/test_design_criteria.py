@@ -174,7 +174,11 @@ def test_marginal_information_of_a_setup_is_bounded() -> None:
     generator = np.random.default_rng(1)
     rows, pull = generator.normal(size=(40, 6, 2)), np.diag([1.0, 0.5, 0.2, 0.1])
     prior = np.diag([1e-3, 1e-3])
-    top, fixed, _ = marginal_sensitivity(pull, rows, prior, 10.0)
+    others = [generator.normal(size=(count, 6, 2)) for count in (7, 1, 60)]
+    (top, fixed, _), *_ = together = marginal_sensitivity(pull, [rows, *others], prior, [10.0, 3.0, 5.0, 8.0])
+    for some, points, found in zip((rows, *others), (10.0, 3.0, 5.0, 8.0), together, strict=True):
+        (alone,) = marginal_sensitivity(pull, [some], prior, [points])
+        assert found[:2] == pytest.approx(alone[:2]) and found[2] == pytest.approx(alone[2])
     task = Task(criterion_of("D", 4, np.zeros((0, 3, 4))), np.zeros((4, 4)), np.full(2, 1e-3**-0.5), np.arange(4))
     for _ in range(50):
         weights = generator.dirichlet(np.ones(40)) * 10.0

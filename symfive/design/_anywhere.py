@@ -19,7 +19,7 @@ import numpy as np
 
 from symfive.design._candidates import candidates_in, pose_grid, rows_of, setup_options
 from symfive.design._space import Space
-from symfive.optimal import Candidates, Rows, Task, marginal_sensitivity, relax
+from symfive.optimal import Candidates, Marginal, Rows, Task, marginal_sensitivity, relax
 
 POSES = 200
 ROUNDS, JOINING = 4, 2
@@ -41,14 +41,16 @@ def bound_anywhere(space: Space, task: Task, rows: Rows, runs: int) -> float:
         columns = _columns(space, rows, grid, active)
         relaxed = relax(task, columns, len(active), points, tolerance=0.5 * GAP, whole_poses=True)
         pull = relaxed.pull[: len(task.prior), : len(task.prior)]
-        each: dict[int, tuple[float, float]] = {}
-        enough = (-math.inf, 0.0)
-        for s in sorted(np.unique(grid.group).tolist(), key=lambda s: s not in active):
-            each[s] = marginal_sensitivity(pull, grid.rows[grid.group == s], prior, points, enough=enough)[:2]
-            if s in active:
-                enough = max(enough[0], each[s][0]), max(enough[1], each[s][1])
-        most = max(top for top, _ in each.values())
-        extra = runs * max(fixed for _, fixed in each.values())
+        places = np.unique(grid.group).tolist()
+        each: dict[int, Marginal] = {}
+        for some in ([s for s in places if s in active], [s for s in places if s not in active]):
+            enough = max((top for top, *_ in each.values()), default=-math.inf)
+            kept = max((fixed for _, fixed, _ in each.values()), default=0.0)
+            rows_in = [grid.rows[grid.group == s] for s in some]
+            found = marginal_sensitivity(pull, rows_in, prior, [points] * len(some), enough=(enough, kept))
+            each |= zip(some, found, strict=True)
+        most = max(top for top, *_ in each.values())
+        extra = runs * max(fixed for _, fixed, _ in each.values())
         bound = max(bound, relaxed.lowest(float(np.sum(pull * task.prior)) + points * most + extra))
         if relaxed.value - bound < GAP:
             break

@@ -145,7 +145,7 @@ def _most_informative(task: Task, rows: list[Array], count: int, points: int) ->
             break
         best = (value, chosen)
         pull = task.pull(inverse(information))
-        weights = [marginal_sensitivity(pull, r, own, points / count, INNER)[2] for r in rows]
+        weights = [best for *_, best in marginal_sensitivity(pull, rows, own, [points / count] * len(rows), INNER)]
     return sorted(best[1])
 
 

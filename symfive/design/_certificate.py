@@ -205,7 +205,9 @@ def _extended(task: Task, relaxed: Relaxed, columns: Candidates, grid: Candidate
     for g in range(groups):
         source, mine = (columns, columns.group == g) if weight[g] >= LEAST_WEIGHT else (grid, grid.group == g)
         rows = source.rows[mine]
-        weights = relaxed.weights[mine] if source is columns else marginal_sensitivity(machine, rows, prior, points)[2]
+        weights = (
+            relaxed.weights[mine] if source is columns else marginal_sensitivity(machine, [rows], prior, [points])[0][2]
+        )
         flat = rows.transpose(1, 0, 2).reshape(shared + own, -1)
         gram = (flat * np.repeat(weights, rows.shape[2])) @ flat.T
         carried.append(-np.linalg.solve(gram[shared:, shared:] + prior, gram[shared:, :shared]))

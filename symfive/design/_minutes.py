@@ -102,8 +102,9 @@ class Mixes:
 
     def _informative(self, kinds: Kinds, pull: Array, own: Array, part: float) -> Iterator[tuple[int, Array]]:
         for kind in set(kinds):
-            for m in self.of_kind[kind]:
-                yield id(m), marginal_sensitivity(pull, m.rows, own, part, 8)[2]
+            of = self.of_kind[kind]
+            found = marginal_sensitivity(pull, [m.rows for m in of], own, [part] * len(of), 8)
+            yield from ((id(m), weights) for m, (*_, weights) in zip(of, found, strict=True))
 
     def _exchanged(self, kinds: Kinds, gains: Mapping[str, Array]) -> tuple[float, list[int]]:
         """Which mounting of each kind, by greedy choice and exchange."""
@@ -192,7 +193,7 @@ class Mixes:
         pull = self.task.pull(inverse(at.information))
         known = float(np.sum(pull * self.task.prior))
         most = {count: self.seconds(count) for count in {len(kinds) for kinds in mixes}}
-        priced = {kind: [self._priced(m, pull) for m in of] for kind, of in self.of_kind.items()}
+        priced = {kind: self._priced(of, pull) for kind, of in self.of_kind.items()}
         prices = np.unique([0.0, *(top for of in priced.values() for p in of for top in p.top)])
         each = {
             (kind, count): np.max([p.least(prices, seconds) for p in of], axis=0)
@@ -213,11 +214,18 @@ class Mixes:
                 added = priced[i].mounting.added(priced[i].weights[j], shared)
                 yield _Atom(kind, float(priced[i].seconds[j]), added)
 
-    def _priced(self, mounting: Mounting, pull: Array) -> _Priced:
+    def _priced(self, mountings: Sequence[Mounting], pull: Array) -> list[_Priced]:
         own, seconds = np.eye(len(self.task.own_sigma)), self.seconds(1) * np.array(SHARES)
-        found = [marginal_sensitivity(pull, mounting.rows, own, s) for s in seconds]
-        top, fixed = (np.array([pair[i] for pair in found]) for i in (0, 1))
-        return _Priced(mounting, seconds, top, fixed, [pair[2] for pair in found])
+        rows = [mounting.rows for mounting in mountings for _ in seconds]
+        found = iter(marginal_sensitivity(pull, rows, own, np.tile(seconds, len(mountings)).tolist()))
+        each = [list(itertools.islice(found, len(seconds))) for _ in mountings]
+        return [
+            _Priced(
+                mounting, seconds, np.array([top for top, *_ in some]), np.array([fixed for _, fixed, _ in some]),
+                [weights for *_, weights in some],
+            )
+            for mounting, some in zip(mountings, each, strict=True)
+        ]  # fmt: skip
 
 
 @dataclass(frozen=True)

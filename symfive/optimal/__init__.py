@@ -10,12 +10,13 @@ from symfive.optimal._criteria import CRITERIA, Criterion, Trace, Volume, Worst,
 from symfive.optimal._exchange import Candidates, exchange
 from symfive.optimal._information import Layout, Task, inverse, marginal
 from symfive.optimal._kernel import Kernel
+from symfive.optimal._marginal import Marginal, marginal_sensitivity
 from symfive.optimal._refine import Objective, Rows, refine
-from symfive.optimal._relaxed import Relaxed, apportioned, choose, marginal_sensitivity, relax, sensitivity
+from symfive.optimal._relaxed import Relaxed, apportioned, choose, relax, sensitivity
 from symfive.optimal._spectrum import spectrum_of
 
 __all__ = [
-    "CRITERIA", "TINY", "Candidates", "Cells", "Criterion", "Cut", "FirstCells", "Kernel", "Layout", "Objective", "Relaxed",
-    "Rows", "Task", "Trace", "Volume", "Worst", "apportioned", "choose", "criterion_of", "exchange", "first_cells",
+    "CRITERIA", "TINY", "Candidates", "Cells", "Criterion", "Cut", "FirstCells", "Kernel", "Layout", "Marginal", "Objective",
+    "Relaxed", "Rows", "Task", "Trace", "Volume", "Worst", "apportioned", "choose", "criterion_of", "exchange", "first_cells",
     "inverse", "marginal", "marginal_sensitivity", "name_of", "refine", "relax", "sensitivity", "spectrum_of",
 ]  # fmt: skip

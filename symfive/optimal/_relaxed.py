@@ -29,7 +29,7 @@ NEGLIGIBLE = 1e-6
 MULTIPLICATIVE, FRESH = 10, 40
 LIVE, LEAST_LIVE, MOST_LIVE = 5, 60, 240
 """Candidates on which the interior point begins: so many per parameter, within these limits."""
-ROUNDS, INTERIOR, INNER = 12, 40, 30
+ROUNDS, INTERIOR = 12, 40
 
 
 @dataclass(frozen=True)
@@ -212,40 +212,6 @@ def _of_log_det(whole: Array, information: Array) -> tuple[Array, Array]:
         for other in seen[:i]:
             mixed += (part @ other.T) ** 2
     return slope, own + mixed + mixed.T
-
-
-def marginal_sensitivity(
-    pull: Array, rows: Array, prior: Array, points: float, steps: int = INNER, enough: tuple[float, float] = (-math.inf, 0.0)
-) -> tuple[float, float, Array]:  # fmt: skip
-    """The poses of one set-up that are most informative about G = `pull` (shared, shared), the set-up's own errors marginalised.
-
-    Returns the largest |(J + Jₒ B)ᵀ G^½|² over the poses and tr(G Bᵀ Pₒ B) at the best matrix B found (see `_anywhere`), and
-    the weights (n,) of the poses; `rows` (n, shared + own, ny), `prior` (own, own) information about the set-up. Once neither
-    number is above `enough` no better B is sought.
-    """
-    p, ny = len(pull), rows.shape[2]
-    weights = np.full(len(rows), points / len(rows))
-    values, vectors = np.linalg.eigh(pull)
-    live = values > 1e-12 * values[-1]
-    seen = (vectors[:, live] * np.sqrt(values[live])).T @ rows[:, :p, :].transpose(1, 0, 2).reshape(p, -1)
-    own = rows[:, p:, :].transpose(1, 0, 2).reshape(rows.shape[1] - p, -1)
-    still = np.einsum("ij,ij->j", seen, seen)
-    best = (math.inf, 0.0, weights)
-    for _ in range(steps):
-        weighted = own * np.repeat(weights, ny)
-        B = -np.linalg.solve(weighted @ own.T + prior, weighted @ seen.T)
-        left = still + np.einsum(
-            "ij,ij->j", own, 2.0 * (B @ seen) + (B @ B.T) @ own
-        )  # |seen + Bᵀ own|² of every reading
-        gain = left.reshape(-1, ny).sum(axis=1)
-        fixed = float(np.sum(B * (prior @ B)))
-        if points * gain.max() + fixed < points * best[0] + best[1]:
-            best = (float(gain.max()), fixed, weights)
-            if best[0] <= enough[0] and fixed <= enough[1]:
-                break
-        weights = weights * np.sqrt(np.maximum(gain, 1e-300))
-        weights = weights * points / weights.sum()
-    return best[0], best[1], weights
 
 
 ROUGH = 0.02
