@@ -56,8 +56,8 @@ def _why_low(certificate: Certificate, of_a_pose: int, assessment: Assessment, g
     earlier = "" if given is None else " and the earlier ones"
     return [
         f"{readings} readings{earlier} for {unknowns} unknowns of machine and set-up determine {assessment.rank} combinations; "
-        f"the priors determine the rest. The bound allows more than {points} poses, so the certificate is low; more "
-        "poses raise it"
+        f"the priors determine the rest. The bound may spread the readings over more than {points} poses, so the certificate is "
+        "low; more poses raise it"
     ]
 
 
