@@ -8,6 +8,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from symfive.arrays import Indices
 from symfive.errors import InputError
 from symfive.optimal import (
     CRITERIA,
@@ -147,6 +148,24 @@ def test_exchange_finds_the_best_of_all_subsets() -> None:
         better = exchange(other, candidates, 1, start)
         values = [other.value(other.information(candidates.rows[c], candidates.group[c], 1)) for c in (start, better)]
         assert values[1] <= values[0] + 1e-12
+
+
+def test_an_exchange_reads_only_what_is_allowed() -> None:
+    points = np.linspace(-1.0, 1.0, 41)
+    candidates, task = _regression(points, 2), _task("D", 2)
+    asked: list[int] = []
+
+    def within(some: Indices) -> list[bool]:
+        asked.extend(some.tolist())
+        return [abs(points[i]) <= 0.8 for i in some]
+
+    chosen = exchange(task, candidates, 1, np.array([0, 0, 20, 20, 40, 40]), allowed=within)
+    allowed = candidates.take(np.flatnonzero(np.abs(points) <= 0.8))
+    alone = allowed.take(exchange(task, allowed, 1, np.array([0, 0, 16, 16, 32, 32])))
+    assert np.sort(points[chosen]) == pytest.approx([-0.8, -0.8, 0.0, 0.0, 0.8, 0.8])
+    values = [task.value(task.information(c.rows, c.group, 1)) for c in (candidates.take(chosen), alone)]
+    assert values[0] == pytest.approx(values[1])
+    assert len(asked) == len(set(asked)) <= 36  # of each once
 
 
 def test_weights_become_whole_numbers_by_the_largest_remainders() -> None:
