@@ -97,7 +97,7 @@ def test_a_design_refined_to_its_end_keeps_every_limit() -> None:
 
 
 def test_the_search_stays_where_poses_tell_far_more_beyond_the_limits() -> None:
-    """Up to six times as much: an ascent that left the travel of Y missed maxima by 9 %, which the proof found one by one."""
+    """Up to six times as much: an ascent that left the travel of Y missed maxima by 6 %, which the proof found one by one."""
     space = make_space(preset("three-axis"), "ball_bar")
     task = task_of(space, "D", [p.name for p in space.shared], None)
     rows, _ = optimise(space, task, 48, 3, starts=1)
