@@ -79,14 +79,16 @@ class RowFunction:
 
     def _evaluated(self, slopes: bool, held: tuple[int, ...], inputs: Array, *others: Array) -> Array:
         if (slopes, held) not in self._mapped:
-            base = self.slopes if slopes else self.value
-            arguments = base.sx_in()
-            # all outputs of a row in one table (1 + …, ny), which lies in memory by columns of readings
-            whole = ca.Function("table", arguments, [ca.densify(ca.horzcat(*base.call(arguments)).T)])
-            self._mapped[slopes, held] = Mapped(whole, held)
+            self._mapped[slopes, held] = Mapped(self._table(slopes), held)
         (table,) = self._mapped[slopes, held](inputs, *others)
         ny = len(self.columns)
         return table.reshape(len(inputs), ny, table.shape[1] // ny)
+
+    def _table(self, slopes: bool) -> Any:
+        """All outputs of a row in one table (1 + …, ny), which lies in memory by columns of readings."""
+        base = self.slopes if slopes else self.value
+        arguments = base.sx_in()
+        return ca.Function("table", arguments, [ca.densify(ca.horzcat(*base.call(arguments)).T)])
 
 
 _KEPT: OrderedDict[tuple[object, ...], tuple[Machine, RowFunction]] = OrderedDict()

@@ -4,6 +4,8 @@ Each function is one form, with the mechanism in its docstring. Frozen before an
 is pinned by a test, so that a form can be added but none changed.
 """
 
+from __future__ import annotations
+
 from dataclasses import replace
 
 import numpy as np

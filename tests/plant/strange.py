@@ -4,6 +4,8 @@ Each function is one form, with the mechanism in its docstring. Frozen before an
 is pinned by a test.
 """
 
+from __future__ import annotations
+
 import zlib
 
 import numpy as np
