@@ -17,7 +17,7 @@ from symfive.posterior import candidates
 from symfive.procedures import campaign_of, planar_circle, r_test_grid
 
 COMBINED = [
-    ("planar", [("friction", "X", {}), ("servo_mismatch", "X", {})], 0.07),
+    ("planar", [("friction", "X", {}), ("servo_mismatch", "X", {})], 0.03),
     ("circle", [("servo_mismatch", "C", {}), ("backlash", "C", {}),
                 ("structural_resonance", "X", {"frequency_hz": 30.0})], 0.03),
     ("planar", [("latency", None, {}), ("servo_mismatch", "X", {"gains": ("position_gain",)}),

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from symfive.arrays import Array
-from symfive.parameters import DETERMINED, Parameter
+from symfive.parameters import Parameter
 
 KNOWN = 0.5
 """Of a direction of amplitudes the readings say more than the prior where they leave less than this share of its variance."""
@@ -47,11 +47,6 @@ def own_quantity(parameter: Parameter, values: Values, covariance: Covariance) -
     """A parameter as it is."""
     variance = _entry(covariance, parameter.name, parameter.name)
     return Quantity(float(values[parameter.name]), math.sqrt(max(variance, 0.0)), parameter.unit)
-
-
-def determined(parameters: Sequence[Parameter], covariance: Covariance) -> tuple[Parameter, ...]:
-    """Those that the readings determine better than their priors do."""
-    return tuple(p for p in parameters if _entry(covariance, p.name, p.name) < (DETERMINED * p.sigma) ** 2)
 
 
 def propagate(

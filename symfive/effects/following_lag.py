@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 
 from symfive.effects._base import DRIVE, Campaign, Covariance, Effect, Forms, Parameter, Quantity, Run, Values
-from symfive.effects._quantity import determined, own_quantity, propagated
+from symfive.effects._quantity import own_quantity, propagated
 from symfive.errors import InputError
 from symfive.motion import LAG
 
@@ -88,12 +88,9 @@ class FollowingLag(Effect):
         return {(axis, gain): gain if self.axis else f"{gain}_{axis}" for axis, gain in places}
 
     def describe(self, campaign: Campaign, values: Values, covariance: Covariance) -> dict[str, Quantity]:
-        """The lag, the position gain that has it, and those gains of a loop that the readings determine."""
+        """The lag, and the position gain that has it."""
         lag, *inner = self.parameters(campaign)
-        found = {
-            p.name.removeprefix(f"{self.key}."): own_quantity(p, values, covariance)
-            for p in (lag, *determined(inner, covariance))
-        }
+        found = {p.name.removeprefix(f"{self.key}."): own_quantity(p, values, covariance) for p in (lag, *inner)}
         if values[lag.name] > 0.0:
             found["position_gain"] = propagated(lambda x: 1e3 / x[0], (lag.name,), "1/s", values, covariance)
         return found

@@ -227,19 +227,9 @@ def _by_member(moments: Moments, members: Sequence[Selected], x: Array) -> list[
 
 
 def explained(moments: Moments, members: Sequence[Selected], evidence: LogEvidence) -> list[float]:
-    """The energy of what each member adds to the readings behind set-up, geometry and all other members, in units of the noise
-    that fits best: what another one can do as well it does not explain."""
+    """The energy of what each member adds to the readings behind set-up and geometry, in units of the noise that fits best."""
     gram = moments.about(members).gram[evidence.node] / evidence.kappa2
-    columns = [moments.columns[number] for number, _ in members]
-    free = [np.stack([c.where, c.scaled(width) ** -2.0]) for c, (_, width) in zip(columns, members, strict=True)]
-    found = list[float]()
-    for k, adds in enumerate(added(moments, members, evidence)):
-        others, least = np.concatenate([np.zeros((2, 0)), *free[:k], *free[k + 1 :]], axis=1)
-        at = others.astype(np.int64)
-        seen = gram[at] @ adds
-        alike = seen @ np.linalg.solve(gram[np.ix_(at, at)] + np.diag(least), seen)
-        found.append(float(adds @ gram @ adds - alike))
-    return found
+    return [float(own @ gram @ own) for own in added(moments, members, evidence)]
 
 
 def added(moments: Moments, members: Sequence[Selected], evidence: LogEvidence) -> list[Array]:

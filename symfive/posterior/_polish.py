@@ -116,7 +116,7 @@ def _settled(now: _Round) -> _Round:
         better = (max(map(now.exact, ways), key=lambda each: each[0]) for ways in _ahead(now.posterior))
         ahead = next((there for gain, there in better if gain > 0.0 and there.keys not in been), None)
         if ahead is None:
-            others = dict.fromkeys([*_rivals(now.posterior), *_hidden(now.posterior), *_without(now.posterior)])
+            others = dict.fromkeys([*_rivals(now.posterior), *_hidden(now.posterior)])
             rivals = [each for each in map(now.exact, others) if each[1].keys not in been]
             best, ahead = max(rivals, key=lambda each: each[0], default=(-np.inf, None))
             ahead = ahead if best > 0.0 else None
@@ -276,14 +276,6 @@ def _rivals(posterior: Posterior) -> list[Subset]:
                     break
         found += nearest.values()
     return found
-
-
-def _without(posterior: Posterior) -> list[Subset]:
-    """What the fit holds without each member that frees a part of the machine: others have other slopes then, which the moments
-    do not hold."""
-    terms, held = posterior.moments.terms, held_by(posterior.moments)
-    freeing = [terms[t] for t, _ in held if terms[t].frees]
-    return [tuple(m for m in held if terms[m[0]] is not one and not terms[m[0]].varies(one)) for one in freeing]
 
 
 def _hidden(posterior: Posterior) -> list[Subset]:
