@@ -4,8 +4,7 @@
 `optimise` finds a design, `certify` bounds how far it is from the best.
 """
 
-from symfive.design._assess import Assessment, assess
-from symfive.design._assessment_data import assessment_data
+from symfive.design._assess import Assessment, assess, assessment_data
 from symfive.design._candidates import value_of
 from symfive.design._certificate import Certificate, certify
 from symfive.design._circles import Circle, circle_information

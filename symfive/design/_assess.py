@@ -13,7 +13,7 @@ import numpy as np
 
 from symfive.arrays import Array, Indices
 from symfive.campaign import FIRST_LINE, Campaign, Run
-from symfive.design._assessment_data import assessment_data
+from symfive.design._digits import six_digits
 from symfive.design._space import Space, make_space
 from symfive.disk import new_table, release
 from symfive.effects import Effect
@@ -130,6 +130,30 @@ class Assessment(OnScreen):
     def idle(self) -> dict[str, Indices]:
         """Run → rows (from 0) that add almost no information."""
         return {run: np.flatnonzero(w < WORTHLESS / max(len(w), 1)) for run, w in self.worth.items()}
+
+
+def assessment_data(assessment: Assessment) -> dict[str, Any]:
+    """An assessment as nested mappings: expected 1σ, rank, what stays confounded, valuation, worth of rows and runs."""
+    sigma, centre = assessment.sigma, assessment.tool_centre_um
+    most, row = assessment.most()
+    return {
+        "expected": {
+            p.name: {"std": six_digits(sigma[p.name]), "prior_std": six_digits(p.sigma), "unit": p.unit}
+            for p in assessment.parameters
+        },
+        "joint_value": six_digits(assessment.value),
+        "tool_centre_point_um": None
+        if centre is None
+        else {"mean": six_digits(centre[0]), "largest": six_digits(centre[1])},
+        "rank": assessment.rank,
+        "parameters": len(assessment.parameters),
+        "confounded": [list(c.names) for c in assessment.confounded],
+        "confounded_in_words": [c.words for c in assessment.confounded],
+        "valuation": {axis: six_digits(v) for axis, v in assessment.valuation.items()},
+        "tells_most": {"run": most, "row": row + FIRST_LINE},
+        "tells_nothing": {run: len(rows) for run, rows in assessment.idle.items()},
+        "run_worth": {run: six_digits(v) for run, v in assessment.run_worth.items()},
+    }
 
 
 def _spans(lines: Indices) -> str:

@@ -18,8 +18,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from symfive.arrays import Array
-from symfive.design._assessment_data import down
 from symfive.design._candidates import rows_of, value_of
+from symfive.design._digits import down
 from symfive.design._proof import bounded_sensitivity
 from symfive.design._search import COARSE, FEW, MANY, Search
 from symfive.design._space import Space

@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 
 from symfive.arrays import Array
-from symfive.design._assessment_data import down, six_digits
 from symfive.design._circles import Circle, Goal, measured
+from symfive.design._digits import down, six_digits
 from symfive.design._optimal_weights import GAP, relaxed_bound
 from symfive.design._paths import FAMILIES, CircleShape
 from symfive.effects import Effect

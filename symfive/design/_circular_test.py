@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from symfive.campaign import Campaign, Run
-from symfive.design._assess import Assessment, assess
-from symfive.design._assessment_data import assessment_data
+from symfive.design._assess import Assessment, assess, assessment_data
 from symfive.design._circle_words import sigma_words
 from symfive.design._sweeps import SLOW_S, noise_data, nuisances, recording_noise, without_drive
 from symfive.design._write import SCHEMA, Written, write_recordings

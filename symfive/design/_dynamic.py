@@ -20,8 +20,7 @@ from typing import Any
 import numpy as np
 
 from symfive.campaign import Campaign
-from symfive.design._assess import assess
-from symfive.design._assessment_data import assessment_data
+from symfive.design._assess import assess, assessment_data
 from symfive.design._circle_certificate import CircleCertificate, certify_circles, farthest, fastest
 from symfive.design._circle_words import (
     circle_words,

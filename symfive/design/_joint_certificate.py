@@ -11,7 +11,7 @@ import numpy as np
 
 from symfive.campaign import Campaign, SetupSigma
 from symfive.design._assess import Assessment, assess
-from symfive.design._assessment_data import down, six_digits
+from symfive.design._digits import down, six_digits
 from symfive.design._minutes import Mixes
 from symfive.design._mountings import BAR, Mounting, mounting_of, mountings_of, with_circles
 from symfive.design._plan import Plan

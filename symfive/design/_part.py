@@ -19,7 +19,7 @@ from symfive.arrays import Array, Indices
 from symfive.campaign import Campaign, Run
 from symfive.compiled import Mapped
 from symfive.design._assess import Assessment
-from symfive.design._assessment_data import six_digits
+from symfive.design._digits import six_digits
 from symfive.design._pose import follow
 from symfive.design._space import DIGITS, Space
 from symfive.errors import InputError

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from symfive.design._assessment_data import six_digits
+from symfive.design._digits import six_digits
 from symfive.design._part import Expected, Part
 from symfive.design._schedule import SETUP_S
 from symfive.design._space import Space

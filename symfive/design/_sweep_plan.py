@@ -20,10 +20,10 @@ import numpy as np
 
 from symfive.arrays import Array
 from symfive.campaign import Campaign, Run, SetupSigma
-from symfive.design._assess import Assessment, assess, machine_information
-from symfive.design._assessment_data import assessment_data, six_digits
+from symfive.design._assess import Assessment, assess, assessment_data, machine_information
 from symfive.design._candidates import candidates_in, pose_grid
 from symfive.design._circles import Goal
+from symfive.design._digits import six_digits
 from symfive.design._optimal_weights import together
 from symfive.design._request import check_counts, check_minutes, interest_of, task_of, with_bars
 from symfive.design._schedule import SETUP_S

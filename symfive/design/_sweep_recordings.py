@@ -19,9 +19,9 @@ from typing import Any
 import numpy as np
 
 from symfive.arrays import Array, Flags
-from symfive.design._assessment_data import down, six_digits
 from symfive.design._candidates import best_setups, pose_grid
 from symfive.design._circles import Goal
+from symfive.design._digits import down, six_digits
 from symfive.design._optimal_weights import Offered, optimal_weights, relaxed_bound
 from symfive.design._reach import Reach
 from symfive.design._space import Space

@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import Any
 
 from symfive.campaign import Campaign, SetupSigma
-from symfive.design._assess import Assessment, assess
-from symfive.design._assessment_data import assessment_data, six_digits
+from symfive.design._assess import Assessment, assess, assessment_data
+from symfive.design._digits import six_digits
 from symfive.design._joint_certificate import INSTRUMENTS, WORDS, JointCertificate, certified, merged, shared_minutes
 from symfive.design._minutes import GAP, Mix
 from symfive.design._plan import Plan, plan

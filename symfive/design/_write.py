@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from symfive.campaign import FIRST_LINE, Campaign, Run, write_campaign_files
-from symfive.design._assess import Assessment
-from symfive.design._assessment_data import assessment_data, six_digits
+from symfive.design._assess import Assessment, assessment_data
+from symfive.design._digits import six_digits
 from symfive.design._schedule import on_ways
 from symfive.design._sheet import Sheet, setup_sheet
 from symfive.errors import InputError

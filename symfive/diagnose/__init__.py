@@ -8,13 +8,14 @@ left out in turn, `withdraw` and `held_out` on a part that takes no part in any 
 from symfive.diagnose._cross_validation import Fit, cross_validated
 from symfive.diagnose._detect import Detection, Disagreement, Test, detect, log_tail
 from symfive.diagnose._diagnose import diagnose
+from symfive.diagnose._finding import Finding, RivalName
 from symfive.diagnose._findings import amend, findings_of, model_averaged, moved
 from symfive.diagnose._groups import partitions
 from symfive.diagnose._hold_out import WORSE, HoldOut, Withdrawn, held_out, held_out_square, over_whole, root, withdraw
 from symfive.diagnose._intervals import Interval, direction_of, intervals_of, with_begin
 from symfive.diagnose._locate import Location, Observability, Suspect, locate, located
 from symfive.diagnose._next_test import next_test, possible_tests
-from symfive.diagnose._result import EXPLAINED, SHOWN_SHARE, Diagnosis, Finding, RivalName
+from symfive.diagnose._result import EXPLAINED, SHOWN_SHARE, Diagnosis
 from symfive.diagnose._split import Split, first_half, parted, runs_of
 from symfive.diagnose._stretches import stretches_of
 from symfive.diagnose._words import facts_of, place_words, sentence_of

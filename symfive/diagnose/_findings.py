@@ -11,9 +11,10 @@ from scipy.special import logsumexp
 
 from symfive.arrays import Array
 from symfive.diagnose._ask import asked, folder_of
+from symfive.diagnose._finding import Finding, RivalName
 from symfive.diagnose._intervals import direction_of, intervals_of, with_begin
 from symfive.diagnose._locate import Location
-from symfive.diagnose._result import Finding, RivalName, mean_square
+from symfive.diagnose._result import mean_square
 from symfive.diagnose._words import sentence_of
 from symfive.effects import Effect, Quantity, form_words
 from symfive.identify import Identification, identify

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
+from symfive.diagnose._finding import Finding
 from symfive.effects import LINKS, Unknown, Varying, coordinate_words, effect_words, form_words
 from symfive.identify import Identification
 from symfive.machine import Machine
 from symfive.numbers import in_words, percent, plain_number, rounded, unit_words, with_std
-
-if TYPE_CHECKING:
-    from symfive.diagnose._result import Finding
 
 SHOWN_NUMBERS, SHOWN_MOVES, SHOWN_RIVALS, SHOWN_RUNS = 4, 3, 3, 6
 SHOWN_RIVAL = 0.01
