@@ -183,5 +183,5 @@ def _runs(finding: Finding, after: Identification) -> str:
     names = finding.runs
     if len(names) == len(after.model.campaign.runs) > 1:
         return "in all runs"
-    more = f" and {len(names) - SHOWN_RUNS} more runs" if len(names) > SHOWN_RUNS else ""
-    return f"in {', '.join(names[:SHOWN_RUNS])}{more}"
+    more = f" and {len(names) - SHOWN_RUNS} more" if len(names) > SHOWN_RUNS else ""
+    return f"in run{'s' if names[1:] else ''} {', '.join(names[:SHOWN_RUNS])}{more}"
