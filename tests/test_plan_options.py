@@ -209,7 +209,7 @@ def test_circles_on_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixtu
     write_machine(varying(whole, "EX0C", "EY0C"), tmp_path / "machine.toml")
     words = ["plan", str(tmp_path / "machine.toml"), "-o", str(tmp_path / "plan"), "--nc", "linuxcnc", "--no-proof"]
     assert main([*words, "--circles", "planar", "--effect", "backlash:X", "--count", "1", "--bar", "50", "-q"]) == 0
-    assert "backlash.X.width" in capsys.readouterr().out
+    assert "backlash of axis X (width)" in capsys.readouterr().out
     programs = {path.stem for path in (tmp_path / "plan" / "nc" / "linuxcnc").glob("*.ngc")}
     assert len(programs) == 3 and any(
         n.endswith("-and-1-more") for n in programs
