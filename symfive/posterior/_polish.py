@@ -21,6 +21,7 @@ from symfive.posterior._fit import WHITE, Expansion, expansion, fitted, refitted
 from symfive.posterior._isolated import log_chance, odd_readings
 from symfive.posterior._moments import Moments, moments_of
 from symfive.posterior._terms import Candidates, Name
+from symfive.screen import plural
 
 __all__ = ["Expansion", "expanded", "polish"]
 
@@ -80,11 +81,11 @@ def _first(before: Identification, candidates: Candidates, progress: Progress) -
 
     first = _Round.at(_at_ease(before, candidates), candidates, progress)
     if before.outliers:
-        progress(f"including the {len(before.outliers)} isolated readings")
+        progress(f"including {plural(len(before.outliers), 'isolated reading')}")
         first = max((first, without(())), key=lambda each: each.opened.promise())
     odd = odd_readings(first.opened.posterior)
     if odd:
-        progress(f"without the {len(odd)} readings that are odd beside what else there may be")
+        progress(f"without {plural(len(odd), 'reading')} that no effect explains")
         first = max((first, without((*first.here.fit.outliers, *odd))), key=lambda each: each.opened.promise())
     return first
 
