@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
 from typing import Any
 
 __all__ = [
-    "change", "decimals", "expected_ratio", "in_words", "name_words", "percent", "plain_number", "power_of_ten",
+    "change", "decimals", "enumerated", "expected_ratio", "in_words", "name_words", "percent", "plain_number", "power_of_ten",
     "rounded", "unit_words", "with_std", "with_unit",
 ]  # fmt: skip
 
@@ -115,6 +116,12 @@ def unit_words(unit: str) -> str:
 def name_words(name: str, unit: str | None) -> str:
     """A quantity's name as words, without the unit that stands behind the number: of `ppm` nothing."""
     return f"_{name}".removesuffix(f"_{(unit or '').lower()}").replace("_", " ").strip()
+
+
+def enumerated(words: Sequence[str]) -> str:
+    """As `a, b and c`."""
+    *first, last = words
+    return f"{', '.join(first)} and {last}" if first else last
 
 
 def power_of_ten(p: float) -> str:

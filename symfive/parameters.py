@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from symfive.numbers import enumerated
+
 UNIT_SCALE = {
     "um": 1e-3, "urad": 1e-6, "mm": 1.0, "deg": math.pi / 180.0, "rad": 1.0, "s": 1.0, "ms": 1e-3, "ppm": 1e-6,
     "deg/s": math.pi / 180.0, "um/mm": 1e-3, "urad/deg": 1e-6 * 180.0 / math.pi, "um/h": 1e-3 / 3600.0,
@@ -100,7 +102,7 @@ def said_together(parameters: Iterable[Parameter]) -> list[str]:
     said = []
     for (what, kind), names in owners.items():
         more = len(names) - SHOWN_OWNERS + 1
-        *first, last = names if more < 2 else [*names[: SHOWN_OWNERS - 1], f"{more} more"]
-        whose = f" of {kind}{'s' if first else ''} {', '.join(first)}{' and ' if first else ''}{last}"
+        shown = names if more < 2 else [*names[: SHOWN_OWNERS - 1], f"{more} more"]
+        whose = f" of {kind}{'s' if shown[1:] else ''} {enumerated(shown)}"
         said.append(what + (whose if kind else ""))
     return said

@@ -10,7 +10,7 @@ from types import NoneType, UnionType
 from typing import Any, Union, get_args, get_origin
 
 from symfive.kinematics import function_words
-from symfive.numbers import name_words
+from symfive.numbers import enumerated, name_words
 from symfive.validation import is_number
 
 Terms = tuple[tuple[str, str], ...]
@@ -96,16 +96,10 @@ def coordinate_words(coordinate: str) -> str:
         known = words not in _PLAIN and quantity in _QUANTITIES
         groups.setdefault(quantity if known else f"{_PLAIN.get(name, name)} {quantity}".rstrip(), []).append(name)
     said = [
-        f"the {_QUANTITIES[what][len(names) > 1]} of {_together(names)}" if what in _QUANTITIES else what
+        f"the {_QUANTITIES[what][len(names) > 1]} of {enumerated(names)}" if what in _QUANTITIES else what
         for what, names in groups.items()
     ]
-    return _together(said)
-
-
-def _together(words: Sequence[str]) -> str:
-    """As `a, b and c`."""
-    *first, last = words
-    return f"{', '.join(first)} and {last}" if first else last
+    return enumerated(said)
 
 
 def fits(value: Any, kind: Any) -> bool:

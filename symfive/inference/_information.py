@@ -15,6 +15,7 @@ import numpy as np
 
 from symfive.arrays import Array, Flags
 from symfive.inference._noise import Block
+from symfive.numbers import enumerated
 from symfive.parameters import Parameter, said_together
 
 
@@ -74,14 +75,12 @@ class Confounding:
     @property
     def words(self) -> str:
         """The combination in one sentence."""
-        first, others = (
-            self.parameters[0].words,
-            said_together(sorted(self.parameters[1:], key=lambda p: p.owner or "")),
-        )
+        first, *rest = self.parameters
+        others = said_together(sorted(rest, key=lambda p: p.owner or ""))
         if not others:
-            return f"{first} is not determined by these readings"
+            return f"{first.words} is not determined by these readings"
         shown = others if len(others) <= 6 else [*others[:5], f"{len(others) - 5} more"]
-        return f"{first} cannot be separated from {', '.join(shown[:-1])}{' and ' if len(shown) > 1 else ''}{shown[-1]}"
+        return f"{first.words} cannot be separated from {enumerated(shown)}"
 
 
 def not_separated(found: Iterable[Confounding]) -> list[str]:
@@ -94,8 +93,8 @@ def not_separated(found: Iterable[Confounding]) -> list[str]:
             several.append(each.words)
     if len(alone) < 2:
         return [*several, *(each.words for each in alone)]
-    *first, last = said_together(each.parameters[0] for each in alone)
-    return [*several, f"These readings do not determine {', '.join(first)}{' and ' if first else ''}{last}"]
+    names = said_together(each.parameters[0] for each in alone)
+    return [*several, f"These readings do not determine {enumerated(names)}"]
 
 
 def _scaled_eigen(matrix: Array, sigma: Array) -> tuple[Array, Array]:
