@@ -16,12 +16,11 @@ import numpy as np
 from symfive.campaign import Run
 from symfive.design._candidates import PER_SETUP, candidates_in, information_of, pose_grid, value_of
 from symfive.design._optimise import optimise
-from symfive.design._reach import Reach, with_ways_out
+from symfive.design._reach import Reach, settable_in, with_ways_out
 from symfive.design._request import Request
 from symfive.design._robust import robust_exchange, survive_a_lost_pose
-from symfive.design._rounding import on_grid, one_tool, rounded
+from symfive.design._rounding import one_tool, rounded
 from symfive.design._schedule import Laid, Schedule, most_per_minute, retimed, scheduled, shortened
-from symfive.design._search import poses_everywhere
 from symfive.design._space import Space
 from symfive.moves import Tested, cleared
 from symfive.nc import Post, addressed
@@ -84,7 +83,9 @@ class PlanSearch:
         def again(design: Rows) -> Driven:
             return self._with_ways(self._with_ways_out(design))
 
-        schedule, post = chosen_with_moves(self.space, self.task, first, lambda: self._others_in(first[0].rows), again)
+        schedule, post = chosen_with_moves(
+            self.space, self.task, first, lambda: settable_in(self.space, first[0].rows), again
+        )
         while self.request.minutes is not None and schedule.seconds > 60.0 * self.request.minutes:
             estimate = self._lay(schedule.rows).seconds
             fewer = self._shortened(schedule.rows, estimate - (schedule.seconds - 60.0 * self.request.minutes))
@@ -149,10 +150,6 @@ class PlanSearch:
     def _grid_in(self, rows: Rows) -> Candidates:
         """Poses of a grid in the set-ups of a design."""
         return candidates_in(self.space, *rows.setups, pose_grid(self.space, PER_SETUP))
-
-    def _others_in(self, rows: Rows) -> Candidates:
-        """Poses everywhere in the set-ups of a design, as a person can set them."""
-        return candidates_in(self.space, *rows.setups, on_grid(self.space, poses_everywhere(self.space)))
 
 
 def chosen_with_moves(

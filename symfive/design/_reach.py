@@ -12,7 +12,7 @@ from symfive.design._search import poses_everywhere
 from symfive.design._space import Space
 from symfive.errors import InputError
 from symfive.moves import REMEDY, Ways
-from symfive.optimal import Rows, Task, exchange
+from symfive.optimal import Candidates, Rows, Task, exchange
 
 
 class Reach:
@@ -44,6 +44,11 @@ def _run(space: Space, z: Array, k: Array) -> Run:
     )  # fmt: skip
 
 
+def settable_in(space: Space, rows: Rows) -> Candidates:
+    """Poses everywhere in the set-ups of a design, as a person can set them."""
+    return candidates_in(space, *rows.setups, on_grid(space, poses_everywhere(space)))
+
+
 def with_ways_out(reach: Reach, task: Task, rows: Rows) -> Rows:
     """The design with every pose one from which the tool can be drawn back clear of everything.
 
@@ -55,8 +60,7 @@ def with_ways_out(reach: Reach, task: Task, rows: Rows) -> Rows:
     if not any(met):
         return rows
     first = next(what for what in met if what)
-    grid = candidates_in(space, *rows.setups, on_grid(space, poses_everywhere(space)))
-    joined = rows_of(space, rows).joined(grid)
+    joined = rows_of(space, rows).joined(settable_in(space, rows))
 
     def reached(some: Indices) -> list[bool]:
         return [not what for what in reach.in_the_way(joined.z[some], joined.k[some])]
