@@ -76,23 +76,16 @@ def _wave(identification: Identification, p: Parameter, sine: str, symbol: str) 
     low, high = identification.interval(sine)
     factor = (high - low) / (2.0 * identification.uncertainty(sine)) if identification.uncertainty(sine) else 0.0
     said, known = meaning(p, identification.model.machine), std < DETERMINED * p.sigma
-    for what, number, spread, unit, prior in (
-        ("amplitude", value, std, p.unit, (p.mean, p.sigma)),
-        ("phase", angle if value > OPEN * std else math.nan, math.degrees(float(phase.std)), "deg", None),  # type: ignore[arg-type]
-    ):
-        interval = (number - factor * spread, number + factor * spread)
-        if what == "amplitude":
-            interval = (max(interval[0], 0.0), interval[1])
-        yield Stated(
-            symbol,
-            _WAVE_WORDS.sub(f"{what} of order" if tail else what, said),
-            number,
-            spread,
-            interval,
-            unit,
-            prior,
-            known,
-        )
+
+    def words(what: str) -> str:
+        return _WAVE_WORDS.sub(f"{what} of order" if tail else what, said)
+
+    ends = max(value - factor * std, 0.0), value + factor * std
+    yield Stated(symbol, words("amplitude"), value, std, ends, p.unit, (p.mean, p.sigma), known)
+    spread = math.degrees(float(phase.std))  # type: ignore[arg-type]
+    angle = angle if value > OPEN * std else math.nan
+    ends = angle - factor * spread, angle + factor * spread
+    yield Stated(symbol, words("phase"), angle, spread, ends, "deg", None, known)
 
 
 def determined(identification: Identification, parameter: Parameter) -> bool:
