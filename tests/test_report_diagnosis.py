@@ -162,11 +162,13 @@ def test_causes_that_no_test_separates_are_not_sent_to_the_control(found):
 
 
 def test_a_residual_above_the_noise_asks_for_a_repeat_that_there_is_not_yet(found):
-    left = replace(found, findings=(), fit=replace(found.fit, chi2_dof_after=6.8))
+    after = replace(found.after, chi2_dof=6.8)
+    left = replace(found, findings=(), fit=replace(found.fit, chi2_dof_after=6.8), after=after)
     assert "repeat one run" in closing(left)
     campaign = found.after.model.campaign
     again = tuple(replace(run, id=f"{run.id}-2", file=f"{run.id}-2.csv") for run in campaign.runs)
-    repeated = replace(left, after=identify(replace(campaign, runs=(*campaign.runs, *again))))
+    repeats = identify(replace(campaign, runs=(*campaign.runs, *again)))
+    repeated = replace(left, after=replace(repeats, chi2_dof=6.8))
     assert "repeat one run" not in closing(repeated) and "scatter of the repeated runs" in closing(repeated)
 
 

@@ -32,7 +32,7 @@ def partitions(campaign: Campaign) -> dict[str, dict[str, tuple[str, ...]]]:
 def kind_of(run: Run, campaign: Campaign) -> str:
     """Key of comparable runs: instruments, moving axes, direction of a circle."""
     moves = ",".join(name for name, way in run.commands.items() if np.ptp(way) > 0.0)
-    return f"{'+'.join(run.instrument)} {moves} {_direction(run, campaign)}"
+    return f"{_instrument(run, campaign)} {moves} {_direction(run, campaign)}"
 
 
 def _feeds(campaign: Campaign) -> dict[str, str]:
@@ -83,13 +83,17 @@ def _half(run: Run, campaign: Campaign) -> str:
     return "first half" if run.start_s <= middle else "second half"
 
 
+def _instrument(run: Run, campaign: Campaign) -> str:
+    return "+".join(run.instrument)
+
+
 _LABELS: Mapping[str, Callable[[Run, Campaign], str] | None] = {
     "feed": None,
     "direction": _direction,
     "place": lambda run, _: f"ball at {', '.join(f'{c:.0f}' for c in run.table_ball)} mm",
     "height": lambda run, _: f"ball at z = {run.table_ball[2]:.0f} mm",
     "time": _half,
-    "instrument": lambda run, _: "+".join(run.instrument),
+    "instrument": _instrument,
 }
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -153,8 +153,7 @@ class Diagnosis(OnScreen):
     @property
     def beyond_noise(self) -> bool:
         """Whether more is left than noise: by more than a tenth, and more than chance explains."""
-        left = replace(self.after, chi2_dof=self.fit.chi2_dof_after)
-        return self.noise_ratio > EXPLAINED and left.fits == "no"
+        return self.noise_ratio > EXPLAINED and self.after.fits == "no"
 
     @property
     def _beyond_noise(self) -> str:

@@ -236,7 +236,7 @@ def _uneven(targets: Array, step: float) -> float:
 def _like_zero(targets: Array) -> float:
     """The lowest frequency that reads like 0 at some targets, 1/step of even ones, per mm or degree; 0 where none does.
 
-    The first and the last target read alike, so that it has whole cycles between them.
+    It has the same value at the first and the last target: whole cycles lie between them.
     """
     reach = float(np.ptp(targets))
     if not reach or len(targets) > MANY:

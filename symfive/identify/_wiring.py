@@ -1,7 +1,7 @@
 """Files whose readings are something else than their columns say: a sign, the columns, or the unit of a run.
 
 A fit is linear in small errors, so what it would leave of other readings follows from its normal equations. Whether a run, or all
-that are read alike, hold other readings is decided by the odds of the two fits, each with the noise that it needs; a unit 1000
+of the same columns, hold other readings is decided by the odds of the two fits, each with the noise that it needs; a unit 1000
 times as large takes 1000 times as much of the density of each reading. No library of physics is complete: the likelihood counts
 to the power 1/(1 + N), N the divergence of what the better fit leaves from the declared noise (S. Kullback & R. A. Leibler 1951;
 J. W. Miller & D. B. Dunson 2019), so that other readings are believed only where they explain nearly all of the residual, beside

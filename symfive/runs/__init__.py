@@ -5,14 +5,5 @@ from symfive.runs._options import OPTIONS
 from symfive.runs._run import FIRST_LINE, Column, Piece, Run, SetupSigma, Vector, instrument_words
 
 __all__ = [
-    "FIRST_LINE",
-    "MOUNTED",
-    "OPTIONS",
-    "Campaign",
-    "Column",
-    "Piece",
-    "Run",
-    "SetupSigma",
-    "Vector",
-    "instrument_words",
-]
+    "FIRST_LINE", "MOUNTED", "OPTIONS", "Campaign", "Column", "Piece", "Run", "SetupSigma", "Vector", "instrument_words",
+]  # fmt: skip
