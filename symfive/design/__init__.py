@@ -25,8 +25,9 @@ from symfive.design._joint_certificate import JointCertificate, certify_joint
 from symfive.design._optimise import optimise
 from symfive.design._part import Part
 from symfive.design._paths import FAMILIES, CircleShape
-from symfive.design._plan import Plan, plan
+from symfive.design._plan import plan
 from symfive.design._request import task_of
+from symfive.design._result import Plan
 from symfive.design._sheet import Sheet, setup_sheet
 from symfive.design._space import Space, make_space
 from symfive.design._sweep_plan import SweepPlan, plan_sweeps

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from typing import Any
 
 import matplotlib
 import numpy as np
@@ -13,15 +14,13 @@ from matplotlib.ticker import FuncFormatter
 
 from symfive.arrays import Array
 from symfive.campaign import FIRST_LINE, Run
+from symfive.design._assess import Assessment
 from symfive.design._mounting import STILL
 from symfive.drawing.render import rendered
 from symfive.instruments import has_bar, mounted
 from symfive.machine import Machine
 from symfive.numbers import unit_words
 from symfive.procedures import Nominal
-
-if TYPE_CHECKING:
-    from symfive.design._plan import Plan
 
 MOST_BARS = 400
 
@@ -102,10 +101,10 @@ def _rotary_path(panel: Any, run: Run, rotary: list[str], colours: Array) -> Non
     panel.set_title("order: dark first", fontsize=9)
 
 
-def uncertainty_figure(plan: Plan) -> Figure:
+def uncertainty_figure(expected: Assessment) -> Figure:
     """Prior and expected 1σ of the machine's parameters (logarithmic)."""
-    parameters = [p for p in plan.assessment.parameters if p.kind != "setup"]
-    sigma = plan.assessment.sigma
+    parameters = [p for p in expected.parameters if p.kind != "setup"]
+    sigma = expected.sigma
     figure = Figure(figsize=(7.0, 0.8 + 0.19 * len(parameters)), layout="constrained")
     panel = figure.subplots()
     y = np.arange(len(parameters))
@@ -121,10 +120,9 @@ def uncertainty_figure(plan: Plan) -> Figure:
     return figure
 
 
-def worth_figure(plan: Plan) -> Figure:
+def worth_figure(worth: Mapping[str, Array]) -> Figure:
     """What the loss of each row would cost, in per cent of the joint 1σ; rows by the lines of their run's file. Of many rows
     a bar stands for several and shows the most informative one."""
-    worth = plan.assessment.worth
     figure = Figure(figsize=(7.0, 0.6 + 1.7 * len(worth)), layout="constrained")
     panels = figure.subplots(len(worth), 1, squeeze=False, sharey=True)[:, 0]
     for panel, (run, values) in zip(panels, worth.items(), strict=True):

@@ -14,8 +14,8 @@ from symfive.design._assess import Assessment, assess
 from symfive.design._digits import down, six_digits
 from symfive.design._minutes import Mixes
 from symfive.design._mountings import BAR, Mounting, mounting_of, mountings_of, with_circles
-from symfive.design._plan import Plan
 from symfive.design._request import interest_of, task_of, usual_setups
+from symfive.design._result import Plan
 from symfive.design._space import Space, make_space
 from symfive.errors import InputError
 from symfive.machine import Machine

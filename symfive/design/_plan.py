@@ -5,36 +5,32 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
-from textwrap import wrap
-from typing import Any
 
 import numpy as np
 
-from symfive.campaign import Campaign, Run, SetupSigma
+from symfive.campaign import Campaign, SetupSigma
 from symfive.design._anywhere import bound_anywhere
-from symfive.design._assess import Assessment, assess
+from symfive.design._assess import assess
 from symfive.design._candidates import value_of
 from symfive.design._certificate import Certificate, certify
 from symfive.design._optimise import optimise
 from symfive.design._part import Part, part_criterion
-from symfive.design._part_plan import PartPlan, compared, mountings_in, part_given
 from symfive.design._plan_notes import plan_notes
 from symfive.design._plan_search import PlanSearch
 from symfive.design._request import Request, indexed, interest_of, refuse_unseen, task_of, with_bars, worth_indexing
+from symfive.design._result import Left, PartPlan, Plan
 from symfive.design._robust import drawn_spaces, lost_pose, over_prior
-from symfive.design._schedule import Schedule
+from symfive.design._schedule import SETUP_S, Schedule
 from symfive.design._space import Space
-from symfive.design._write import Written, plan_data, write_plan
+from symfive.errors import InputError
 from symfive.given import campaign_given, machine_given
 from symfive.machine import Machine
 from symfive.nc import Post
-from symfive.optimal import Criterion, Rows, Task, name_of
-from symfive.runs import instrument_words
-from symfive.screen import listed
+from symfive.optimal import Criterion, Rows, Task, inverse, name_of
 from symfive.threads import one_thread
-from symfive.toolpath import ToolPath
+from symfive.toolpath import ToolPath, read_tool_path
 
 INDEXED = (
     "the spindle is indexed in every run: for this part this gains more than one further pose (--no-index forbids it)"
@@ -43,61 +39,6 @@ USUAL_POINTS = 40
 """Poses of a plan where neither their number nor its time is given."""
 REPORTED_DRAWS, DRAWS = 2, 6
 """Machines drawn from the priors: to report how a plan fares on them, and to choose a robust plan."""
-
-
-@dataclass(frozen=True, repr=False)
-class Plan(Written):
-    """A measurement plan.
-
-    `campaign` without readings; `criterion` and the parameters `interest` it is for; `certificate` of the poses before the
-    return poses were added; `assessment` of the whole; `starts` ψ of every design that the search began with; `minutes` it takes;
-    `unsafe` run → rows before which the spindle retracts; `lost` the efficiency left if the most important pose is lost;
-    `over_prior` mean and worst efficiency when the machine's errors are drawn from the priors; `information_per_minute`
-    nats of ψ per minute; `drift` the efficiency left when a linear drift is a nuisance; `post` the collision-free moves of the
-    programs; `part` the expected error along the part; `notes` in plain words.
-    """
-
-    machine: Machine
-    instrument: str
-    criterion: str
-    interest: tuple[str, ...]
-    campaign: Campaign
-    certificate: Certificate
-    assessment: Assessment
-    starts: tuple[float, ...]
-    minutes: float
-    unsafe: dict[str, tuple[int, ...]]
-    lost: float
-    over_prior: tuple[float, float]
-    information_per_minute: float
-    drift: float
-    post: Post = field(default_factory=Post)
-    part: PartPlan | None = None
-    notes: tuple[str, ...] = ()
-
-    def _write_into(self, folder: Path, nc: tuple[str, ...], post: Post | None) -> None:
-        write_plan(self, folder, nc, post)
-
-    def __str__(self) -> str:
-        runs = [
-            f"  {run.id}: {run.rows} readings in {_different(run)} poses, ball at {tuple(round(v) for v in run.table_ball)} mm, "
-            f"tool {-run.tool_ball[2]:g} mm"
-            for run in self.campaign.runs
-        ]
-        size = f"{self.certificate.points} poses, {self.minutes:.0f} min"
-        head = f"{instrument_words(self.instrument)} plan, {size}: {self.certificate.says}"
-        notes = [*(() if self.part is None else self.part.says), *listed(self.notes, "plan.notes", 10)]
-        notes = [line for note in notes for line in wrap(note, 120, subsequent_indent="    ")]
-        return "\n".join([head, *listed(runs, "plan.campaign.runs", 10), str(self.assessment), *notes])
-
-    def to_data(self) -> dict[str, Any]:
-        """plan.json as nested mappings."""
-        return plan_data(self)
-
-
-def _different(run: Run) -> int:
-    """How many of a run's poses are different."""
-    return len(np.unique(np.stack(list(run.commands.values()), axis=1), axis=0))
 
 
 @one_thread
@@ -144,8 +85,22 @@ def plan(
         points=USUAL_POINTS if points is None and minutes is None else points, minutes=minutes, per_minute=per_minute,
         starts=starts, anywhere=anywhere, prove=prove, seed=seed, pool=pool, progress=progress,
     )  # fmt: skip
-    route = part_given(machine, part, request.for_)
+    route = _part_given(machine, part, request.for_)
     return _planned(request) if route is None else _planned_for(request, route)
+
+
+def _part_given(machine: Machine, part: ToolPath | Path | str | None, wanted: tuple[str, ...]) -> Part | None:
+    """The part that a plan is for. Raises `InputError` for one with errors named beside it."""
+    if part is None:
+        return None
+    if wanted:
+        raise InputError("a part counts every error of the machine", remedy="leave out --for, or --part")
+    return Part(machine, part if isinstance(part, ToolPath) else read_tool_path(part, machine))
+
+
+def _mountings_in(minutes: float) -> int:
+    """As many set-ups as fit into the time: what they share is averaged by mounting anew."""
+    return max(1, int(60.0 * minutes // SETUP_S))
 
 
 def _planned(request: Request) -> Plan:
@@ -161,7 +116,7 @@ def _planned_for(request: Request, part: Part) -> Plan:
     space, minutes = request.space(), request.minutes
     criterion = part_criterion(part, space, name_of(request.criterion))
     if minutes is not None:
-        request = replace(request, setups=request.setups or mountings_in(minutes))
+        request = replace(request, setups=request.setups or _mountings_in(minutes))
     request.progress("D plan for comparison")
     ordinary = _planned(
         replace(
@@ -170,7 +125,7 @@ def _planned_for(request: Request, part: Part) -> Plan:
         )
     )  # fmt: skip
     minutes = minutes or ordinary.minutes
-    request = replace(request, minutes=minutes, setups=request.setups or mountings_in(minutes))
+    request = replace(request, minutes=minutes, setups=request.setups or _mountings_in(minutes))
     task, notes = task_of(space, criterion, [p.name for p in space.shared], request.given), list[str]()
     if request.index is None:
         design, _ = optimise(space, task, *request.shares[-1], starts=1, seed=request.seed)
@@ -178,7 +133,14 @@ def _planned_for(request: Request, part: Part) -> Plan:
         notes += [INDEXED] if request.index else []
     task = indexed(space, task) if request.index else task
     made = _searched(request, space, task)
-    return replace(made, part=compared(part, space, task, ordinary, made), notes=(*notes, *made.notes))
+    return replace(made, part=_compared(part, space, task, ordinary, made), notes=(*notes, *made.notes))
+
+
+def _compared(part: Part, space: Space, task: Task, ordinary: Plan, made: Plan) -> PartPlan:
+    """What is expected along the part before, with the ordinary plan, and after the one made for it."""
+    places = [[p.name for p in space.shared].index(name) for name in part.names]
+    before = part.expected(inverse(task.prior)[np.ix_(places, places)])
+    return PartPlan(part, before, ordinary, Left.by(ordinary, part), Left.by(made, part))
 
 
 def _searched(request: Request, space: Space, task: Task) -> Plan:

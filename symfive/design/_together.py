@@ -20,10 +20,12 @@ from symfive.design._assess import Assessment, assess, assessment_data
 from symfive.design._digits import six_digits
 from symfive.design._joint_certificate import INSTRUMENTS, WORDS, JointCertificate, certified, merged, shared_minutes
 from symfive.design._minutes import GAP, Mix
-from symfive.design._plan import Plan, plan
+from symfive.design._plan import plan
 from symfive.design._request import MOST, check_counts, check_minutes
+from symfive.design._result import Plan
 from symfive.design._schedule import SETUP_S
-from symfive.design._write import SCHEMA, Written, driven, write_joint
+from symfive.design._sheet import Sheet
+from symfive.design._write import SCHEMA, Written, write_plan
 from symfive.errors import InputError
 from symfive.given import campaign_given, machine_given
 from symfive.machine import Machine
@@ -71,7 +73,7 @@ class JointPlan(Written):
 
     def driven(self, post: Post | None) -> JointPlan:
         """The plan with the user's choices for its programs, and its times on their ways."""
-        return self if post is None else replace(self, parts=tuple(driven(part, post) for part in self.parts))
+        return self if post is None else replace(self, parts=tuple(part.driven(post) for part in self.parts))
 
     @property
     def post(self) -> Post:
@@ -83,7 +85,15 @@ class JointPlan(Written):
         )  # fmt: skip
 
     def _write_into(self, folder: Path, nc: tuple[str, ...], post: Post | None) -> None:
-        write_joint(self.driven(post), folder, nc)
+        plan = self.driven(post)
+        ways = [note for note in plan.notes if ": run " in note]
+        certificate = [] if plan.certificate is None else [f"Certificate: {plan.certificate.says}"]
+        worth = ". ".join([*certificate, *(note for note in plan.notes if note not in ways)])
+        facts = f"{', then '.join(plan.steps)} with set-up"
+        sheet = Sheet(
+            campaign=plan.campaign, post=plan.post, facts=facts, worth=worth, assessment=plan.assessment, notes=ways
+        )
+        write_plan(sheet, plan.to_data(), folder, nc)
 
     def to_data(self) -> dict[str, Any]:
         """plan.json as nested mappings."""

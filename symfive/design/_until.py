@@ -15,9 +15,10 @@ import numpy as np
 
 from symfive.campaign import Campaign, SetupSigma
 from symfive.design._assess import assess
-from symfive.design._plan import Plan, plan
+from symfive.design._plan import plan
 from symfive.design._plan_notes import NOISE_HARDLY, SETUP_ERRORS
 from symfive.design._request import interest_of
+from symfive.design._result import Plan
 from symfive.design._space import make_space
 from symfive.errors import InputError
 from symfive.given import campaign_given, machine_given
