@@ -9,10 +9,11 @@ from pathlib import Path
 from symfive.campaign import Campaign, Run
 from symfive.errors import InputError
 from symfive.machine import Machine
-from symfive.nc._base import Dialect, Step, render
+from symfive.nc._base import Dialect, Step
 from symfive.nc._pace import CAUTION, able, pace
-from symfive.nc._post import UNCHECKED, Post, collision_warning, turned_against, which_point, worded
+from symfive.nc._post import UNCHECKED, Post, collision_warning, turned_against, which_point
 from symfive.nc._probing import check_probing, cycle_of, probing_steps
+from symfive.nc._render import render
 from symfive.nc._route import (
     Positions,
     Way,
@@ -66,7 +67,7 @@ def can_write(machine: Machine, dialect: str, post: Post, *, probing: bool = Fal
     """Raises `InputError` where programs for that machine and control cannot be written as the user decided."""
     check_addresses(machine)
     chosen = dialect_of(dialect)
-    if worded(post, chosen).centred and not {"X", "Y", "Z"} <= set(machine.linear_axes):
+    if chosen.worded(post).centred and not {"X", "Y", "Z"} <= set(machine.linear_axes):
         raise InputError(
             "tool-centre control moves X, Y and Z", remedy="leave out --tool-centre, or name the linear axes so"
         )
@@ -115,7 +116,7 @@ def program(machine: Machine, run: Run, dialect: str, post: Post | None = None, 
     """The program of one run; `probing`: sphere, tip and feeds of a touch probe. Raises `InputError` for an unknown dialect and
     for axes without an NC address."""
     chosen = dialect_of(dialect)
-    return _written(machine, run, chosen, worded(post or Post(), chosen), 1, probing)
+    return _written(machine, run, chosen, chosen.worded(post or Post()), 1, probing)
 
 
 def write_programs(
@@ -127,7 +128,7 @@ def write_programs(
     written = []
     series = series_of(machine, campaign.runs) if chosen else []
     for dialect in chosen:
-        own, numbers = worded(post or Post(), dialect), count(1)
+        own, numbers = dialect.worded(post or Post()), count(1)
         texts = {run.id: _written(machine, run, dialect, own, next(numbers)) for run in campaign.runs}
         for runs in series:
             steps = series_steps(machine, runs, own)

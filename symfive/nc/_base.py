@@ -1,15 +1,13 @@
-"""What a program consists of, and the contract of a dialect: a small template that writes it down."""
+"""What a program consists of, and the contracts of a dialect, a small template that writes it down, and of its probing cycle."""
 
 from __future__ import annotations
 
-import math
-import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from symfive.nc._touch import Cycle
+from symfive.errors import InputError
+from symfive.nc._post import Post
+from symfive.nc._touch import Move, Touch
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -134,125 +132,57 @@ class Dialect:
         """A position as it is written."""
         return round(value, self.places(value)) + 0.0
 
+    def words(self, positions: Mapping[str, float]) -> str:
+        """Positions as the dialect writes them, in the order in which they stand."""
+        return " ".join(
+            self.word.format(axis=axis, value=self.rounded(value), decimals=self.places(value))
+            for axis, value in positions.items()
+        )
 
-SPELLED = {"µ": "u", "°": " deg", "…": "...", "(": "[", ")": "]", ";": ",", "%": " ", '"': "'", "{": "[", "}": "]"}
-LONGEST = 70
-"""Characters of a comment: with brackets and block number a line has fewer than 80, which every control shows and takes whole."""
-SHORTEST_S = 5e-4
-"""A dwell of less is written as none."""
-LEAST_FEED = 1e-3
-"""mm/min or degree/min: the last digit of a feed without G93."""
-
-
-def plain(text: str) -> str:
-    """Text that any control takes in a comment: one line, ASCII, no brackets or separators."""
-    ascii_ = "".join(SPELLED.get(c, c) for c in text)
-    return " ".join("".join(c if 32 <= ord(c) < 127 else "?" for c in ascii_).split())
-
-
-def render(dialect: Dialect, name: str, steps: Sequence[Step], number: int = 1, *, rotary: bool = True) -> str:
-    """The program's text; `number` for controls that call programs by number; `rotary`: the machine has rotary axes."""
-    start = [*dialect.head, *(dialect.rotary if rotary else ()), *dialect.start]
-    lines = [line.format(name=program_name(name), number=f"{number:04d}") for line in start]
-    feeds = [step for step in steps if step.kind in ("feed", "arc")]
-    timed = dialect.inverse_time and bool(feeds) and not any(step.feed for step in feeds)
-    lines += ["G93"] if timed else []
-    before: Mapping[str, float] = {}
-    late, time = list(dialect.after_first_stop), ""
-    for step in steps:
-        note = "" if timed else _block_time(step, before)
-        if note and note != time:  # once for all blocks that take as long
-            lines += _lines(dialect, Step(kind="comment", text=note), before, timed=timed)
-        time = note
-        lines += _lines(dialect, step, before, timed=timed)
-        if step.kind == "stop":
-            lines += late
-            late.clear()
-        before = {**before, **step.positions}
-    lines += ["G94"] if timed else []
-    lines += [line.format(name=program_name(name)) for line in dialect.end]
-    if dialect.numbered:
-        lines = [f"{i} {line}" for i, line in enumerate(lines)]
-    return "\n".join(lines) + "\n"
+    def worded(self, post: Post) -> Post:
+        """The decisions with the dialect's own words for tool-centre control, where it is wished and the user gives none. Raises
+        `InputError` where they depend on the machine's builder."""
+        if not post.tool_centre or post.tool_centre_on:
+            return replace(post, frame_of_start=False)
+        if self.tool_centre is None:
+            problem = (
+                f"{self.name}: which lines switch tool-centre control with the ball's length depends on your machine"
+            )
+            raise InputError(
+                problem, remedy=f"give --tool-centre-on and --tool-centre-off, as {self.tool_centre_example}"
+            )
+        on, off = (text.replace("{tool}", str(post.tool_number)) for text in self.tool_centre)
+        return replace(post, tool_centre_on=on, tool_centre_off=off, frame_of_start=self.frame_of_start)
 
 
-def program_name(name: str) -> str:
-    """A name that every control takes: 24 capitals, digits and _."""
-    return "".join(c if c.isalnum() and c.isascii() else "_" for c in name).upper()[:24]
+def _as_it_is(dialect: Dialect, post: Post) -> Dialect:
+    return dialect
 
 
-def _lines(dialect: Dialect, step: Step, before: Mapping[str, float], *, timed: bool) -> list[str]:
-    text = plain(step.text)
-    text = text.upper() if dialect.upper else text
-    words = " ".join(word(dialect, axis, value) for axis, value in step.positions.items())
-    if step.kind == "comment":
-        return [dialect.comment.format(text=line) for line in textwrap.wrap(text, LONGEST)]
-    if step.kind in ("text", "trigger"):
-        return [line.replace("{words}", words) for line in step.text.splitlines() if line.strip()]
-    if step.kind == "stop":
-        return [line.format(text=text) for line in dialect.stop]
-    if step.kind == "orient":
-        return [line.format(angle=step.text) for line in dialect.orient]
-    if step.kind == "dwell":
-        if step.seconds < SHORTEST_S:
-            return []
-        return dialect.dwell.format(
-            seconds=f"{step.seconds:.3f}", milliseconds=f"{1e3 * step.seconds:.0f}"
-        ).splitlines()
-    if step.kind == "retract":
-        axis = next(iter(step.positions))
-        return [line.format(words=words, axis=axis) for line in dialect.retract]
-    if step.kind == "rapid":
-        return [dialect.rapid.format(words=words)]
-    if step.kind == "contour":
-        return [line.format(plane=PLANES[step.text]) for line in dialect.contour]
-    if step.kind == "arc":
-        return list(dialect.arc(_arc(dialect, step, before)))
-    return [dialect.feed.format(words=words, feed=_feed(dialect, step, before, timed=timed))]
+@dataclass(frozen=True, kw_only=True)
+class Cycle:
+    """How a control probes, in the words of its dialect.
 
+    What is stored is where the axes stood, in the words of the program and not corrected for the tip. A servo lag or a delay of
+    the signal is the same in all slow touches, along their direction: the effective radius of the sphere takes it.
+    docs/howto/touch-probe.md has the table of the controls.
 
-def _block_time(step: Step, before: Mapping[str, float]) -> str:
-    """How long a feed move takes in which a rotary axis turns."""
-    turning = any(axis in "ABC" and value != before.get(axis, value) for axis, value in step.positions.items())
-    return f"block time {step.seconds:.3f} s" if turning and step.kind == "feed" else ""
+    `guarded` a move that stops on contact, after which the program goes no further; `touched` fast touch, back, slow touch, the
+    line of the log called by the name given; `opening` and `closing` lines around all touches; `prepared` the dialect with what
+    has to stand before the first move and behind the last one; `log` the log's name from the `{run}` or the program's `{name}`,
+    `says` where it is written, `cautions` what the operator has to know; `beside` further files that the program needs on the
+    control, name → text; `centred`: whether it may probe under tool-centre control; `calls_probe`: whether it probes only with
+    the probe's tool called.
+    """
 
-
-PLANES = {"XY": "G17", "ZX": "G18", "YZ": "G19"}
-OFFSETS = dict(zip("XYZ", "IJK", strict=True))
-
-
-def _arc(dialect: Dialect, step: Step, before: Mapping[str, float]) -> Block:
-    """The words of an arc. The offset is from where the block before ends, as it is written there."""
-    offset = {OFFSETS[n]: step.centre[n] - dialect.rounded(before[n]) for n in step.positions}
-    end, pole, centre = (
-        " ".join(word(dialect, name, value) for name, value in sorted(words.items()))
-        for words in (step.positions, step.centre, offset)
-    )
-    return Block(
-        code="G3" if step.sweep > 0.0 else "G2", words=end, pole=pole, offset=centre, sweep=step.sweep,
-        turns=math.ceil(abs(step.sweep) / 360.0 - 1e-9), feed=f"{step.feed:g}",
-    )  # fmt: skip
-
-
-def word(dialect: Dialect, axis: str, value: float) -> str:
-    """A position as the dialect writes it."""
-    return dialect.word.format(axis=axis, value=dialect.rounded(value), decimals=dialect.places(value))
-
-
-def _feed(dialect: Dialect, step: Step, before: Mapping[str, float], *, timed: bool) -> str:
-    if step.feed:
-        return f"{step.feed:g}"
-    minutes = max(step.seconds, 1e-4) / 60.0
-    if timed:
-        return _down(1.0 / minutes)
-    written = {axis: dialect.rounded(value) for axis, value in step.positions.items()}
-    moved = {axis: v - dialect.rounded(before.get(axis, v)) for axis, v in written.items()}
-    linear = math.hypot(*(d for axis, d in moved.items() if axis[0] in "XYZUVW"))
-    way = linear or max((abs(d) for d in moved.values()), default=0.0)
-    return f"{max(way / minutes, LEAST_FEED):.3f}"
-
-
-def _down(value: float) -> str:
-    """Six digits, rounded down: a feed is never higher than planned."""
-    scale = 10.0 ** (math.floor(math.log10(value)) - 5)
-    return f"{math.floor(value / scale * (1.0 + 1e-12)) * scale:.6g}"
+    guarded: Callable[[Dialect, Move], Sequence[str]]
+    touched: Callable[[Dialect, Touch, str], Sequence[str]]
+    opening: Sequence[str] = ()
+    closing: Sequence[str] = ()
+    says: str
+    log: str = ""
+    prepared: Callable[[Dialect, Post], Dialect] = _as_it_is
+    cautions: Sequence[str] = ()
+    beside: Mapping[str, str] = field(default_factory=dict)
+    centred: bool = False
+    calls_probe: bool = False

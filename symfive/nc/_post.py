@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 from symfive.campaign import Run
 from symfive.errors import InputError
 from symfive.instruments import instruments_of, mounted
 from symfive.machine import Machine
 from symfive.nc._arc import circle_of
-from symfive.nc._base import Dialect
 from symfive.nc._route import Way
 from symfive.validation import at_most, positive
 
@@ -94,22 +93,6 @@ class Post:
     def rest_s(self) -> float:
         """How long a pose takes, the operator's reading included."""
         return self.dwell_s + (READ_S if self.at_pose == "stop" else 0.0)
-
-
-def worded(post: Post, dialect: Dialect) -> Post:
-    """The decisions with the dialect's own words for tool-centre control, where it is wished and the user gives none. Raises
-    `InputError` where they depend on the machine's builder."""
-    if not post.tool_centre or post.tool_centre_on:
-        return replace(post, frame_of_start=False)
-    if dialect.tool_centre is None:
-        problem = (
-            f"{dialect.name}: which lines switch tool-centre control with the ball's length depends on your machine"
-        )
-        raise InputError(
-            problem, remedy=f"give --tool-centre-on and --tool-centre-off, as {dialect.tool_centre_example}"
-        )
-    on, off = (text.replace("{tool}", str(post.tool_number)) for text in dialect.tool_centre)
-    return replace(post, tool_centre_on=on, tool_centre_off=off, frame_of_start=dialect.frame_of_start)
 
 
 def collision_warning(machine: Machine, post: Post, runs: Sequence[Run]) -> tuple[str, ...]:

@@ -19,11 +19,12 @@ from symfive.campaign import Run
 from symfive.errors import InputError
 from symfive.instruments import touches_of
 from symfive.machine import Machine
-from symfive.nc._base import Dialect, Step, program_name
+from symfive.nc._base import Cycle, Dialect, Step
 from symfive.nc._post import Post
 from symfive.nc._recording import STANDSTILL
+from symfive.nc._render import program_name
 from symfive.nc._route import LEAST_LIFT_MM, Positions
-from symfive.nc._touch import Cycle, Move, Probing, Touch, probing_of
+from symfive.nc._touch import Move, Probing, Touch, probing_of
 from symfive.nc._writer import Writer
 
 LINE_BYTES = 64
@@ -223,7 +224,7 @@ class _Prober(ProbeWays):
             return self.cycle.touched(self.dialect, move, self.log)
         if move.guarded:
             return self.cycle.guarded(self.dialect, move)
-        return [self.dialect.feed.format(words=move.words(self.dialect), feed=f"{move.feed:g}")]
+        return [self.dialect.feed.format(words=self.dialect.words(move.end), feed=f"{move.feed:g}")]
 
 
 def _moves(places: Sequence[Mapping[str, float]], feed: float, *, guarded: bool = False) -> Iterator[Move]:

@@ -1,15 +1,13 @@
-"""What a touch is, and the contract of a control's words for it."""
+"""What a touch is, and with what sphere, tip and feeds."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 from symfive.errors import InputError
 from symfive.machine import Machine
-from symfive.nc._base import Dialect, word
-from symfive.nc._post import Post
 
 ON_ITS_WAY, NO_CONTACT, NO_LOG = "PROBE TOUCHED ON ITS WAY", "NO CONTACT", "LOG NOT WRITTEN"
 """What the control shows; 26 characters at most."""
@@ -64,10 +62,6 @@ class Move:
     feed: float
     guarded: bool = False
 
-    def words(self, dialect: Dialect) -> str:
-        """Where it ends, as the dialect writes it."""
-        return " ".join(word(dialect, axis, value) for axis, value in self.end.items())
-
     @property
     def way(self) -> dict[str, float]:
         """From start to end, mm."""
@@ -116,36 +110,3 @@ class Touch:
         """Fast to the contact, back and slowly to it again."""
         fast = replace(self.fast, end=self.contact)
         return fast.seconds + 60.0 * self.back * (1.0 / self.fast.feed + 1.0 / self.slow.feed)
-
-
-def _as_it_is(dialect: Dialect, post: Post) -> Dialect:
-    return dialect
-
-
-@dataclass(frozen=True, kw_only=True)
-class Cycle:
-    """How a control probes, in the words of its dialect.
-
-    What is stored is where the axes stood, in the words of the program and not corrected for the tip. A servo lag or a delay of
-    the signal is the same in all slow touches, along their direction: the effective radius of the sphere takes it.
-    docs/howto/touch-probe.md has the table of the controls.
-
-    `guarded` a move that stops on contact, after which the program goes no further; `touched` fast touch, back, slow touch, the
-    line of the log called by the name given; `opening` and `closing` lines around all touches; `prepared` the dialect with what
-    has to stand before the first move and behind the last one; `log` the log's name from the `{run}` or the program's `{name}`,
-    `says` where it is written, `cautions` what the operator has to know; `beside` further files that the program needs on the
-    control, name → text; `centred`: whether it may probe under tool-centre control; `calls_probe`: whether it probes only with
-    the probe's tool called.
-    """
-
-    guarded: Callable[[Dialect, Move], Sequence[str]]
-    touched: Callable[[Dialect, Touch, str], Sequence[str]]
-    opening: Sequence[str] = ()
-    closing: Sequence[str] = ()
-    says: str
-    log: str = ""
-    prepared: Callable[[Dialect, Post], Dialect] = _as_it_is
-    cautions: Sequence[str] = ()
-    beside: Mapping[str, str] = field(default_factory=dict)
-    centred: bool = False
-    calls_probe: bool = False

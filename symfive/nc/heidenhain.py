@@ -12,9 +12,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from symfive.nc._base import Block, Dialect
+from symfive.nc._base import Block, Cycle, Dialect
 from symfive.nc._post import Post
-from symfive.nc._touch import NO_CONTACT, ON_ITS_WAY, Cycle, Move, Touch
+from symfive.nc._touch import NO_CONTACT, ON_ITS_WAY, Move, Touch
 
 MASK = "TOUCHES.A"
 

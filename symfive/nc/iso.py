@@ -13,8 +13,8 @@ a number of more than eight is an alarm. From the makers' documentation.
 
 from __future__ import annotations
 
-from symfive.nc._base import Dialect
-from symfive.nc._touch import NO_CONTACT, ON_ITS_WAY, STORED, Cycle, Move, Touch
+from symfive.nc._base import Cycle, Dialect
+from symfive.nc._touch import NO_CONTACT, ON_ITS_WAY, STORED, Move, Touch
 
 REACHED_MM = 0.02
 """Within this of its end a move was not stopped: three words rounded to 0.001 mm, and the control's window of arrival."""
@@ -26,13 +26,13 @@ def _from_end(move: Move) -> str:
 
 def _guarded(dialect: Dialect, move: Move) -> list[str]:
     stopped = f"IF[[{_from_end(move)}]GT{REACHED_MM:g}]THEN #3000=1({ON_ITS_WAY})"
-    return [f"G31 {move.words(dialect)} F{move.feed:g}", stopped]
+    return [f"G31 {dialect.words(move.end)} F{move.feed:g}", stopped]
 
 
 def _touched(dialect: Dialect, touch: Touch, log: str) -> list[str]:
     def touched(move: Move) -> list[str]:
         missed = f"IF[[{_from_end(move)}]LT{REACHED_MM:g}]THEN #3000=2({NO_CONTACT})"
-        return [f"G31 {move.words(dialect)} F{move.feed:g}", missed]
+        return [f"G31 {dialect.words(move.end)} F{move.feed:g}", missed]
 
     printed = "".join(f"{axis}{number}[44]" for axis, number in STORED.items())
     return [

@@ -7,8 +7,8 @@ joins. `M19` needs a spindle that can be oriented (HAL pins `spindle.0.orient-â€
 
 from __future__ import annotations
 
-from symfive.nc._base import Block, Dialect
-from symfive.nc._touch import STORED, Cycle, Move, Touch
+from symfive.nc._base import Block, Cycle, Dialect
+from symfive.nc._touch import STORED, Move, Touch
 
 
 def _arc(arc: Block) -> list[str]:
@@ -17,14 +17,14 @@ def _arc(arc: Block) -> list[str]:
 
 
 def _guarded(dialect: Dialect, move: Move) -> list[str]:
-    return [f"G38.3 {move.words(dialect)} F{move.feed:g}"]
+    return [f"G38.3 {dialect.words(move.end)} F{move.feed:g}"]
 
 
 def _touched(dialect: Dialect, touch: Touch, log: str) -> list[str]:
     return [
-        f"G38.2 {touch.fast.words(dialect)} F{touch.fast.feed:g}",
+        f"G38.2 {dialect.words(touch.fast.end)} F{touch.fast.feed:g}",
         f"G1 {touch.backed_off} F{touch.fast.feed:g}",
-        f"G38.2 {touch.slow.words(dialect)} F{touch.slow.feed:g}",
+        f"G38.2 {dialect.words(touch.slow.end)} F{touch.slow.feed:g}",
         f"(LOG,{touch.row},{touch.number},{','.join(STORED.values())})",
     ]
 

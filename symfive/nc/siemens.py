@@ -12,9 +12,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from symfive.nc._base import Block, Dialect, program_name
+from symfive.nc._base import Block, Cycle, Dialect
 from symfive.nc._post import Post
-from symfive.nc._touch import NO_CONTACT, NO_LOG, ON_ITS_WAY, Cycle, Move, Touch
+from symfive.nc._render import program_name
+from symfive.nc._touch import NO_CONTACT, NO_LOG, ON_ITS_WAY, Move, Touch
 
 
 def _file(name: str) -> str:
@@ -29,7 +30,7 @@ def _arc(arc: Block) -> list[str]:
 
 
 def _move(dialect: Dialect, move: Move, fails: str) -> list[str]:
-    return [f"MEAS=1 G1 {move.words(dialect)} F{move.feed:g}", "STOPRE", f"IF $AC_MEA[1]{fails}"]
+    return [f"MEAS=1 G1 {dialect.words(move.end)} F{move.feed:g}", "STOPRE", f"IF $AC_MEA[1]{fails}"]
 
 
 def _guarded(dialect: Dialect, move: Move) -> list[str]:
