@@ -7,24 +7,9 @@ from dataclasses import MISSING, fields
 from functools import cache
 from typing import Any, get_type_hints
 
-from symfive.effects._base import LINKS, STAGES, Effect
+from symfive.effects._axes import across, component_of, location_of, moving, reversing
+from symfive.effects._base import AXIS, BALL, CARRIED, FORCE, LINKS, READING, STAGES, TOOL, Effect, Form, Scan, Tone
 from symfive.effects._coordinates import coordinate_values
-from symfive.effects._form import (
-    AXIS,
-    BALL,
-    CARRIED,
-    FORCE,
-    READING,
-    TOOL,
-    Form,
-    Scan,
-    Tone,
-    across,
-    component_of,
-    location_of,
-    moving,
-    reversing,
-)
 from symfive.effects._quantity import Quantity, amplitude_and_phase, length_spread
 from symfive.effects._words import coordinate_words, effect_words, fits, key_words, quantity_words
 from symfive.effects.axis_growth import AxisGrowth

@@ -1,15 +1,15 @@
-"""The contract of an effect: a piece of physics that joins the model, from one small file."""
+"""The contract of an effect, a piece of physics that joins the model from one small file, and of the forms in which it acts."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Self
 
 import casadi as ca
 
 from symfive.arrays import Array
-from symfive.effects._form import AXIS, TOOL, Begin, Form, Forms, moving
+from symfive.effects._axes import moving
 from symfive.effects._quantity import Covariance, Quantity, Values, own_quantity
 from symfive.effects._words import key_words, quantity_words
 from symfive.errors import InputError
@@ -23,6 +23,9 @@ __all__ = [  # beside what stands here, what every effect is written with
     "Campaign", "Covariance", "Effect", "Form", "Forms", "Parameter", "Quantity", "Row", "Run", "Values",
 ]  # fmt: skip
 
+TOOL, AXIS, CARRIED, BALL, FORCE, READING = "tool", "axis", "carried", "ball", "force", "reading"
+"""Channels by which readings answer: a shift of the tool (3), of an axis, of what it carries (3), of the table's ball (3);
+a force in the recording of an axis' drive; a constant in each reading column of an instrument."""
 _LISTED = (
     "backlash", "friction", "lateral_play", "transmission_error", "servo_mismatch", "scale_error", "location_error",
     "error_motion",
@@ -39,6 +42,96 @@ LINKS = DRIVE, BEHIND, STRUCTURE, INSTRUMENT = ("drive", "behind the drive", "st
 SHORTER = (0.3, 0.1)
 """Shares of its usual time constant about which an effect is looked at too: half a decade apart."""
 _LINKS = dict(zip(STAGES, (*LINKS, INSTRUMENT), strict=True))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Form:
+    """One way in which an effect may act. `shapes`: the same cause in other shapes, which only an exact refit can weigh. `at`:
+    the parameters, by name, about which its change of the readings is linear; where estimation begins if none are given.
+
+    `places`: among how many equally probable places this one was picked. `channel` and `basis`, (run) → (N, m): where given,
+    the readings answer to the effect as to this channel (of an `axis`) times the functions, each with its own factor of the
+    prior 1σ `sigma`. `directions`: of those that the readings see, so many are kept at least. `measured`: it is just what the
+    readings are deviations of, so that whether it is there is an even question and no surprise.
+    """
+
+    effect: Effect
+    shapes: tuple[Effect, ...] = ()
+    at: Mapping[str, float] = field(default_factory=dict)
+    places: float = 1.0
+    channel: str = ""
+    axis: str | None = None
+    basis: Callable[[Run], Array] | None = None
+    sigma: float = 1.0
+    directions: int = 0
+    measured: bool = False
+    once: bool = False
+    partner: str = ""
+
+    @property
+    def sloped(self) -> bool:
+        """Whether the readings answer to it by slopes of the model about where estimation begins."""
+        return self.basis is None and not self.at
+
+    @property
+    def placed(self) -> bool:
+        """Whether a scan picked its place; then others of its name may act at other places."""
+        return self.places > 1.0 and not self.once
+
+    def proportional(self, campaign: Campaign) -> bool:
+        """Whether the readings are proportional to its amplitudes, whatever their size: it moves no drive and no play, and no
+        signal depends on its parameters. Of axes at rest only the direction counts from which they came."""
+        effect = self.effect
+        moves = bool(effect.frees()) or any(signal.parameters for signal in effect.signals())
+        return self.basis is not None or not (moves and any(run.dynamic for run in campaign.runs))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scan:
+    """Forms of which one parameter is a place, to be found on a grid: `count` places, each a course in time of a `channel`.
+
+    `courses` (run) → (N, count); `form` makes the exact form of one place. `axis`: of the channel `axis`.
+    `run`: the only one in which it acts. `finer` (place): the places about one of them, where these are some of more.
+    """
+
+    channel: str
+    count: int
+    courses: Callable[[Run], Array]
+    form: Callable[[int], Form]
+    axis: str | None = None
+    run: str | None = None
+    finer: Callable[[int], Scan] | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Begin:
+    """Where an effect begins whose place a scan picked: the first `row` (from 0) of a run in which it acts, the same effect
+    `always`, and as it is described where that row has a 1σ, `within` so many rows."""
+
+    row: int
+    always: Effect
+    within: Callable[[float], Effect]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tone:
+    """Forms that are a sine over a coordinate, (run) → (N,): cycles per unit from `lowest` to `highest` are looked for.
+
+    `form` (cycles per unit, their resolution, number of places) makes the exact form. `apart`: of each run with its own phase.
+    """
+
+    channel: str
+    coordinate: Callable[[Run], Array]
+    lowest: float
+    highest: float
+    form: Callable[[float, float, int], Form]
+    axis: str | None = None
+    runs: tuple[str, ...] = field(default=())
+    apart: bool = False
+
+
+Forms = Iterable[Form | Scan | Tone]
+"""In which an effect may act in a campaign."""
 
 
 @dataclass(frozen=True, kw_only=True)

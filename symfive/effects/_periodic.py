@@ -12,8 +12,7 @@ import casadi as ca
 import numpy as np
 
 from symfive.arrays import Array
-from symfive.effects._base import Campaign, Covariance, Effect, Form, Parameter, Quantity, Row, Run, Values
-from symfive.effects._form import Tone
+from symfive.effects._base import Campaign, Covariance, Effect, Form, Parameter, Quantity, Row, Run, Tone, Values
 from symfive.effects._quantity import amplitude_and_phase, length_spread, own_quantity, propagate, seen_length
 from symfive.errors import InputError
 from symfive.motion import Position

@@ -8,9 +8,9 @@ from typing import Self
 
 import numpy as np
 
+from symfive.effects._axes import positioned
 from symfive.effects._axis_warming import AxisWarming
 from symfive.effects._base import Campaign, Covariance, Forms, Parameter, Quantity, Row, Values
-from symfive.effects._form import positioned
 from symfive.errors import InputError
 from symfive.motion import Position
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Self
 
+from symfive.effects._axes import positioned
 from symfive.effects._axis_warming import AxisWarming
 from symfive.effects._base import Campaign, Forms, Parameter, Row
-from symfive.effects._form import positioned
 from symfive.errors import InputError
 
 TURN = 50.0

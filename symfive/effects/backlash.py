@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
+from symfive.effects._axes import reversing
 from symfive.effects._base import Campaign, Effect, Form, Forms, Parameter, Quantity, Row, Run
-from symfive.effects._form import reversing
 from symfive.motion import Direction, Play, Position, PreSliding, Signal
 
 SHAPES = ("play", "pre_sliding", "wind_up", "gradual", "step")

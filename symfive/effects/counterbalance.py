@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from symfive.effects._axes import reversing
 from symfive.effects._base import Campaign, Covariance, Effect, Form, Forms, Parameter, Quantity, Row, Run, Values
-from symfive.effects._form import reversing
 from symfive.motion import Direction, Position, Signal
 
 UPRIGHT = 0.7

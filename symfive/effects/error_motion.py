@@ -10,8 +10,8 @@ from typing import Any, Self
 import casadi as ca
 import numpy as np
 
+from symfive.effects._axes import component_of, goes_round, moving, own_component
 from symfive.effects._base import Campaign, Covariance, Effect, Form, Forms, Parameter, Quantity, Row, Values
-from symfive.effects._form import component_of, goes_round, moving, own_component
 from symfive.effects._quantity import amplitude_and_phase
 from symfive.errors import InputError
 from symfive.kinematics import Basis, basis_of

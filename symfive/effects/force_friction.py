@@ -8,9 +8,8 @@ from typing import Self
 
 import casadi as ca
 
-from symfive.effects._base import Campaign, Form, Forms, Parameter, Quantity, Row, Run
+from symfive.effects._base import FORCE, Campaign, Form, Forms, Parameter, Quantity, Row, Run
 from symfive.effects._force import ForceEffect, direction, driven_axes, motion_signal
-from symfive.effects._form import FORCE
 from symfive.errors import InputError
 from symfive.instruments.drive_force import DriveForce, driven_axis, rest_speed
 from symfive.motion import Position, Signal

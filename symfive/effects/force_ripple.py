@@ -7,9 +7,8 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
-from symfive.effects._base import Campaign, Form, Forms, Parameter, Row
+from symfive.effects._base import FORCE, Campaign, Form, Forms, Parameter, Row, Tone
 from symfive.effects._force import SizedForce, driven_axes
-from symfive.effects._form import FORCE, Tone
 from symfive.effects._periodic import Periodic, reach_and_shortest
 from symfive.instruments.drive_force import DriveForce, driven_axis
 

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from symfive.effects._base import Campaign, Covariance, Forms, Parameter, Quantity, Row, Values
+from symfive.effects._base import FORCE, Campaign, Covariance, Forms, Parameter, Quantity, Row, Values
 from symfive.effects._force import SizedForce, driven_axes
-from symfive.effects._form import FORCE
 from symfive.effects._periodic import Tonal
 from symfive.instruments.drive_force import DriveForce, driven_axis
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from symfive.effects._axes import reversing
 from symfive.effects._base import Campaign, Effect, Forms, Parameter
-from symfive.effects._form import reversing
 from symfive.motion import FRICTION
 
 SHAPES = ("coulomb", "stribeck", "lugre")

@@ -9,9 +9,9 @@ import casadi as ca
 import numpy as np
 
 from symfive.arrays import Array
+from symfive.effects._axes import component_of, moving
 from symfive.effects._base import Campaign, Covariance, Effect, Form, Forms, Parameter, Quantity, Row, Run, Values
 from symfive.effects._force import DOWN, across, carriers, gravity_seen, sine_to_gravity, upright
-from symfive.effects._form import component_of, moving
 from symfive.errors import InputError
 from symfive.machine import Machine
 from symfive.motion import Direction, Signal

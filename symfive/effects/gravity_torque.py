@@ -9,9 +9,8 @@ import casadi as ca
 import numpy as np
 
 from symfive.arrays import Array
-from symfive.effects._base import Campaign, Covariance, Parameter, Quantity, Row, Values
+from symfive.effects._base import FORCE, Campaign, Covariance, Parameter, Quantity, Row, Values
 from symfive.effects._force import DOWN, ForceEffect, carriers, gravity_seen, turned_bodies, upright, usual_force
-from symfive.effects._form import FORCE
 from symfive.effects._quantity import propagated
 from symfive.errors import InputError
 from symfive.instruments.drive_force import DriveForce

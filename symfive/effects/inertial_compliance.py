@@ -8,8 +8,8 @@ from typing import Self
 import casadi as ca
 import numpy as np
 
+from symfive.effects._axes import moving
 from symfive.effects._base import Campaign, Covariance, Effect, Form, Forms, Parameter, Quantity, Row, Values
-from symfive.effects._form import moving
 from symfive.effects._quantity import length_and_direction, own_quantity, seen_length
 from symfive.machine import Axis
 from symfive.motion import Acceleration, Signal

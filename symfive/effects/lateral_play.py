@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Self
 
+from symfive.effects._axes import across, component_of, reversing
 from symfive.effects._base import Campaign, Effect, Form, Forms, Parameter, Quantity, Row, Run
-from symfive.effects._form import across, component_of, reversing
 from symfive.errors import InputError
 from symfive.motion import Direction, Play, PreSliding, Signal
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Self
 
+from symfive.effects._axes import location_of, own_component
 from symfive.effects._base import Campaign, Effect, Form, Forms, Parameter, Row
-from symfive.effects._form import location_of, own_component
 from symfive.errors import InputError
 
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+from symfive.effects._axes import reversing
 from symfive.effects._base import Campaign, Effect, Form, Forms, Parameter, Row
-from symfive.effects._form import reversing
 from symfive.motion import ReversalAhead, ReversalDistance, ReversalTime, Signal
 
 SHAPES = ("lag", "pulse", "stick")

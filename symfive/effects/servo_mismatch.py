@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Self
 
+from symfive.effects._axes import moving
 from symfive.effects._base import Campaign, Effect, Form, Forms, Parameter
-from symfive.effects._form import moving
 from symfive.errors import InputError
 
 RELATIVE_SIGMA = 0.3

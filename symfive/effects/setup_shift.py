@@ -10,9 +10,8 @@ import casadi as ca
 import numpy as np
 
 from symfive.arrays import Array, Indices
-from symfive.effects._base import INSTRUMENT, Campaign, Effect, Form, Forms, Parameter, Row, Run
+from symfive.effects._base import BALL, INSTRUMENT, Begin, Campaign, Effect, Form, Forms, Parameter, Row, Run, Scan
 from symfive.effects._coordinates import ROW
-from symfive.effects._form import BALL, Begin, Scan
 from symfive.effects._quantity import Covariance, Quantity, Values, own_quantity
 from symfive.errors import InputError
 

@@ -10,9 +10,9 @@ import casadi as ca
 import numpy as np
 
 from symfive.arrays import Array
-from symfive.effects._base import Campaign, Covariance, Effect, Form, Forms, Parameter, Quantity, Row, Run, Values
-from symfive.effects._form import TOOL, Scan, moving
-from symfive.effects._quantity import length_and_direction, own_quantity
+from symfive.effects._axes import moving
+from symfive.effects._base import TOOL, Campaign, Effect, Form, Forms, Parameter, Row, Run, Scan
+from symfive.effects._quantity import Covariance, Quantity, Values, length_and_direction, own_quantity
 from symfive.errors import InputError
 from symfive.motion import FINE_S, Resonance, RunMotion, Signal
 

@@ -9,9 +9,9 @@ from typing import Any, Self
 import casadi as ca
 import numpy as np
 
-from symfive.effects._base import Campaign, Covariance, Effect, Form, Forms, Parameter, Quantity, Row, Run, Values
-from symfive.effects._form import AXIS, Scan, moving
-from symfive.effects._quantity import own_quantity, propagated
+from symfive.effects._axes import moving
+from symfive.effects._base import AXIS, Campaign, Effect, Form, Forms, Parameter, Row, Run, Scan
+from symfive.effects._quantity import Covariance, Quantity, Values, own_quantity, propagated
 from symfive.errors import InputError
 from symfive.motion import Position
 

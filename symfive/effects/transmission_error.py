@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from symfive.effects._base import Campaign, Form, Forms, Parameter, Row
-from symfive.effects._form import AXIS, Tone, moving
+from symfive.effects._axes import moving
+from symfive.effects._base import AXIS, Campaign, Form, Forms, Parameter, Row, Tone
 from symfive.effects._periodic import CYCLES, Periodic, reach_and_shortest
 
 RICHER, MULTIPLES = (2, 3, 8, 16), ((2, 2), (2, 4), (3, 3))

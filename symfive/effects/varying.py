@@ -11,9 +11,9 @@ import casadi as ca
 import numpy as np
 
 from symfive.arrays import Array
+from symfive.effects._axes import goes_round, moving
 from symfive.effects._base import Campaign, Covariance, Effect, Forms, Parameter, Quantity, Row, Run, Values
 from symfive.effects._coordinates import SIGN, VELOCITY, coordinate_in, coordinate_values, owner, signals_of
-from symfive.effects._form import goes_round, moving
 from symfive.errors import InputError
 from symfive.motion import Signal
 

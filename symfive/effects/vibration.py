@@ -6,8 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Self
 
-from symfive.effects._base import Campaign, Covariance, Forms, Parameter, Quantity, Row, Run, Values
-from symfive.effects._form import READING, TOOL
+from symfive.effects._base import READING, TOOL, Campaign, Covariance, Forms, Parameter, Quantity, Row, Run, Values
 from symfive.effects._periodic import Tonal
 from symfive.errors import InputError
 from symfive.instruments import instruments_of
