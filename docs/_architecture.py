@@ -34,8 +34,6 @@ class Import:
     of: str
     name: str | None
     line: int
-    typing: bool
-    """Whether it stands below `if TYPE_CHECKING`: for the reader and mypy, never executed."""
 
     def __str__(self) -> str:
         return f"{self.by} (line {self.line}) imports {self.of}{'' if self.name is None else ' ' + self.name}"
@@ -56,10 +54,10 @@ def package(module: str) -> str:
 
 
 def imports() -> Iterator[Import]:
-    """Every import of symfive within itself, wherever it stands in a file."""
+    """Every import of symfive within itself, wherever it stands in a file: for types and within functions too."""
     known = modules()
     for by, path in known.items():
-        for node, typing in _statements(ast.parse(path.read_text(encoding="utf-8")), typing=False):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Import):
                 found = [(alias.name, None) for alias in node.names]
             elif isinstance(node, ast.ImportFrom) and node.module:
@@ -67,22 +65,7 @@ def imports() -> Iterator[Import]:
                 found = [(full, None) if full in known else (node.module, name) for full, name in whole]
             else:
                 continue
-            yield from (
-                Import(by, of, name, node.lineno, typing) for of, name in found if of.split(".")[0] == "symfive"
-            )
-
-
-def _statements(node: ast.AST, *, typing: bool) -> Iterator[tuple[ast.stmt, bool]]:
-    """Every statement below a node, and whether it stands below `if TYPE_CHECKING`; no import stands in an expression."""
-    for block in ("body", "orelse", "finalbody", "handlers", "cases"):
-        for entry in getattr(node, block, ()):
-            if isinstance(entry, ast.stmt):
-                yield entry, typing
-            yield from _statements(entry, typing=typing or _is_typing(entry))
-
-
-def _is_typing(node: ast.AST) -> bool:
-    return isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING"
+            yield from (Import(by, of, name, node.lineno) for of, name in found if of.split(".")[0] == "symfive")
 
 
 WIDTH, LABEL, BOX, GAP = 860, 190, 30, 8
