@@ -5,13 +5,25 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from lean import location_only
+from scipy.spatial import cKDTree
 
 from symfive.campaign import Run
 from symfive.design import Space, make_space, plan
-from symfive.machine import Machine
-from symfive.moves import Clearances, blocked_moves, cleared, kept_apart, out_and_back, round_trip, there_and_back
+from symfive.machine import Machine, preset
+from symfive.moves import (
+    Clearances,
+    Moves,
+    Rod,
+    apart,
+    blocked_moves,
+    cleared,
+    kept_apart,
+    out_and_back,
+    round_trip,
+    there_and_back,
+)
 from symfive.nc import Step, program_steps
-from symfive.procedures import r_test_grid, static_ball_bar
+from symfive.procedures import Nominal, planar_circle, r_test_grid, static_ball_bar
 
 OYAMA = location_only("oyama-2010")
 
@@ -137,3 +149,71 @@ def test_no_pose_follows_itself_and_the_ends_stay() -> None:
     assert np.all(np.diff(pose[apart]) != 0)
     assert kept_apart(np.array([0, 1, 2]), np.zeros(3, dtype=int), times).tolist() == [0, 1, 2], "nothing else to go to"
     assert out_and_back(np.arange(3), 9).tolist() == [0, 1, 0, 2, 0]
+
+
+def test_what_lies_between_two_positions_is_found() -> None:
+    """A line of a tool passes the table ball (radius 6.35 mm) between two positions that are looked at, 4 mm apart."""
+    machine = preset("three-axis")
+    machine = replace(machine, workspace=replace(machine.workspace, spindle_nose=None), text="")
+    run = planar_circle(machine, radius=50.0, centre=(0.0, 0.0, 100.0), direction="ccw")[0]
+    run = replace(run, instrument=("r_test",), length=None, readings={})  # whose tool ball is no body of its own
+    nominal, moves = Nominal(machine), Moves(machine, run)
+    for aside, met in ((6.2, "tool and table ball"), (6.4, "")):  # the ends stand off by √(2² + 6.2²) - 6.35 = 0.16 mm
+        ends = nominal.follow(np.array([[-2.0, aside, 50.0], [2.0, aside, 50.0]]), run.tool_ball, {}, "a move")
+        start, end = np.stack([ends[n] for n in machine.axis_names], axis=1)
+        found = moves.met(np.stack([start, start, end]), np.stack([end, start, end]), rapid=False, bar=False)
+        assert found == [met, "", ""]
+
+
+def test_the_tool_does_not_meet_the_tables_edge() -> None:
+    """Its ball stands 5 mm beside the table, 20 mm below its plane: a tool that leans over the table passes through the edge."""
+    run = r_test_grid(OYAMA, grid={"B": (0.0,), "C": (0.0,)}, nests=((0.0, 0.0, 60.0),), returning=False)[0]
+    edge = (OYAMA.workspace.table_radius or 0.0) + 50.0
+    clear = Clearances(OYAMA, run)
+    for degree, distance in ((-45.0, -np.inf), (45.0, 5.0), (0.0, 5.0)):
+        q = Nominal(OYAMA).follow(np.array([[edge + 5.0, 0.0, -20.0]]), run.tool_ball, {"B": degree}, "a pose")
+        found = clear(np.stack([q[n] for n in OYAMA.axis_names], axis=1))[0][clear.names.index("tool and table")]
+        assert found == pytest.approx(distance, abs=1e-3) if distance > 0.0 else found < -1.0, degree
+
+
+def _apart(a: tuple[list[float], list[float], float, float], b: tuple[list[float], list[float], float, float]) -> float:
+    return float(apart(*(Rod(*(np.array([part]) for part in rod[:3]), rod[3]) for rod in (a, b)))[0])
+
+
+def test_cylinders_keep_apart_by_their_distance() -> None:
+    """Distances by hand: parallel, touching, crossed, one over the other, an edge over an edge, and one inside."""
+    up, along = [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]
+    still = ([0.0, 0.0, 0.0], up, 10.0, 2.0)
+    for other, distance in (
+        (([5.0, 0.0, 0.0], up, 10.0, 1.0), 2.0), (([5.0, 0.0, 0.0], up, 10.0, 3.0), 0.0),
+        (([-9.0, 4.5, 5.0], along, 20.0, 0.0), 2.5),
+        (([0.0, 0.0, 13.0], up, 4.0, 8.0), 3.0), (([5.0, 0.0, 14.0], up, 4.0, 0.0), 5.0), (([0.0, 0.0, 5.0], up, 1.0, 0.0), -2.0),
+    ):  # fmt: skip
+        found = _apart(still, other)
+        assert found == pytest.approx(distance, abs=1e-3) if distance >= 0.0 else found <= distance + 1e-3
+
+
+def test_a_distance_is_never_overstated() -> None:
+    """Points of two cylinders, drawn at random: none are nearer than the distance, and some almost as near."""
+    rng = np.random.default_rng(5)
+    for _ in range(8):
+        rods = []
+        for radius in (40.0, 200.0):
+            axis = rng.normal(size=3)
+            rods.append((rng.uniform(-400.0, 400.0, 3), axis / np.linalg.norm(axis), rng.uniform(1.0, 300.0), radius))
+        found = _apart(*rods)
+        points = [_points(rng, *rod) for rod in rods]
+        nearest = float(cKDTree(points[0]).query(points[1])[0].min())
+        assert found <= nearest + 1e-9
+        assert found >= nearest - 12.0 or found <= 0.0
+
+
+def _points(rng: np.random.Generator, start: np.ndarray, axis: np.ndarray, length: float, radius: float) -> np.ndarray:
+    """Points of a cylinder, most of them on its rims, mantle and ends."""
+    n = 8000
+    u = np.cross(axis, [1.0, 0.0, 0.0] if abs(axis[0]) < 0.9 else [0.0, 1.0, 0.0])
+    u /= np.linalg.norm(u)
+    share, angle = np.clip(rng.uniform(-0.5, 1.5, n), 0.0, 1.0), rng.uniform(0.0, 2.0 * np.pi, n)
+    size = radius * np.sqrt(np.clip(rng.uniform(0.0, 2.0, n), 0.0, 1.0))
+    across = np.cos(angle)[:, None] * u + np.sin(angle)[:, None] * np.cross(axis, u)
+    return np.asarray(start + share[:, None] * length * axis + size[:, None] * across)

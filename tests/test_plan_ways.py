@@ -1,4 +1,4 @@
-"""Ways of a plan's programs: every pose can be left, no rapid meets anything, no axis is faster than promised."""
+"""Ways of a plan's programs: every pose can be left, no rapid meets anything, times are those of the programs."""
 
 import itertools
 import re
@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 from lean import location_only
-from scipy.spatial import cKDTree
 
 from symfive.campaign import Run
 from symfive.design import Plan, plan
@@ -16,11 +15,10 @@ from symfive.design._candidates import pose_grid  # whole plans take seconds
 from symfive.design._reach import Reach  # as above
 from symfive.design._space import make_space  # as above
 from symfive.errors import InputError
-from symfive.machine import Machine, preset
-from symfive.moves import Clearances, Moves, Rod, Ways, apart, blocked_moves, cleared, least_elevation
-from symfive.nc import CAUTION, Post, Step, arrival_times, pace, program, program_steps, top_of
-from symfive.nc._pace import spread  # a closed form that programs only round
-from symfive.procedures import Nominal, planar_circle, r_test_grid, static_ball_bar
+from symfive.machine import Machine
+from symfive.moves import Ways, blocked_moves, cleared, least_elevation
+from symfive.nc import Post, Step, arrival_times, program, program_steps, top_of
+from symfive.procedures import r_test_grid, static_ball_bar
 
 
 def _with_travel(machine: Machine, axis: str, low: float, high: float) -> Machine:
@@ -193,146 +191,6 @@ def test_two_poses_with_a_way_out_are_joined() -> None:
     for row in range(1, kept.rows):
         way = ways.around(row)
         assert all(sum(a[n] != b[n] for n in a) == 1 for a, b in itertools.pairwise(way[1:-1]))
-
-
-def test_what_lies_between_two_positions_is_found() -> None:
-    """A line of a tool passes the table ball (radius 6.35 mm) between two positions that are looked at, 4 mm apart."""
-    machine = preset("three-axis")
-    machine = replace(machine, workspace=replace(machine.workspace, spindle_nose=None), text="")
-    run = planar_circle(machine, radius=50.0, centre=(0.0, 0.0, 100.0), direction="ccw")[0]
-    run = replace(run, instrument=("r_test",), length=None, readings={})  # whose tool ball is no body of its own
-    nominal, moves = Nominal(machine), Moves(machine, run)
-    for aside, met in ((6.2, "tool and table ball"), (6.4, "")):  # the ends stand off by √(2² + 6.2²) - 6.35 = 0.16 mm
-        ends = nominal.follow(np.array([[-2.0, aside, 50.0], [2.0, aside, 50.0]]), run.tool_ball, {}, "a move")
-        start, end = np.stack([ends[n] for n in machine.axis_names], axis=1)
-        found = moves.met(np.stack([start, start, end]), np.stack([end, start, end]), rapid=False, bar=False)
-        assert found == [met, "", ""]
-
-
-def test_the_tool_does_not_meet_the_tables_edge() -> None:
-    """Its ball stands 5 mm beside the table, 20 mm below its plane: a tool that leans over the table passes through the edge."""
-    run = _grid((0.0,))
-    edge = (OYAMA.workspace.table_radius or 0.0) + 50.0
-    clear = Clearances(OYAMA, run)
-    for degree, distance in ((-45.0, -np.inf), (45.0, 5.0), (0.0, 5.0)):
-        q = Nominal(OYAMA).follow(np.array([[edge + 5.0, 0.0, -20.0]]), run.tool_ball, {"B": degree}, "a pose")
-        found = clear(np.stack([q[n] for n in OYAMA.axis_names], axis=1))[0][clear.names.index("tool and table")]
-        assert found == pytest.approx(distance, abs=1e-3) if distance > 0.0 else found < -1.0, degree
-
-
-def _apart(a: tuple[list[float], list[float], float, float], b: tuple[list[float], list[float], float, float]) -> float:
-    return float(apart(*(Rod(*(np.array([part]) for part in rod[:3]), rod[3]) for rod in (a, b)))[0])
-
-
-def test_cylinders_keep_apart_by_their_distance() -> None:
-    """Distances by hand: parallel, touching, crossed, one over the other, an edge over an edge, and one inside."""
-    up, along = [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]
-    still = ([0.0, 0.0, 0.0], up, 10.0, 2.0)
-    for other, distance in (
-        (([5.0, 0.0, 0.0], up, 10.0, 1.0), 2.0), (([5.0, 0.0, 0.0], up, 10.0, 3.0), 0.0),
-        (([-9.0, 4.5, 5.0], along, 20.0, 0.0), 2.5),
-        (([0.0, 0.0, 13.0], up, 4.0, 8.0), 3.0), (([5.0, 0.0, 14.0], up, 4.0, 0.0), 5.0), (([0.0, 0.0, 5.0], up, 1.0, 0.0), -2.0),
-    ):  # fmt: skip
-        found = _apart(still, other)
-        assert found == pytest.approx(distance, abs=1e-3) if distance >= 0.0 else found <= distance + 1e-3
-
-
-def test_a_distance_is_never_overstated() -> None:
-    """Points of two cylinders, drawn at random: none are nearer than the distance, and some almost as near."""
-    rng = np.random.default_rng(5)
-    for _ in range(8):
-        rods = []
-        for radius in (40.0, 200.0):
-            axis = rng.normal(size=3)
-            rods.append((rng.uniform(-400.0, 400.0, 3), axis / np.linalg.norm(axis), rng.uniform(1.0, 300.0), radius))
-        found = _apart(*rods)
-        points = [_points(rng, *rod) for rod in rods]
-        nearest = float(cKDTree(points[0]).query(points[1])[0].min())
-        assert found <= nearest + 1e-9
-        assert found >= nearest - 12.0 or found <= 0.0
-
-
-def _points(rng: np.random.Generator, start: np.ndarray, axis: np.ndarray, length: float, radius: float) -> np.ndarray:
-    """Points of a cylinder, most of them on its rims, mantle and ends."""
-    n = 8000
-    u = np.cross(axis, [1.0, 0.0, 0.0] if abs(axis[0]) < 0.9 else [0.0, 1.0, 0.0])
-    u /= np.linalg.norm(u)
-    share, angle = np.clip(rng.uniform(-0.5, 1.5, n), 0.0, 1.0), rng.uniform(0.0, 2.0 * np.pi, n)
-    size = radius * np.sqrt(np.clip(rng.uniform(0.0, 2.0, n), 0.0, 1.0))
-    across = np.cos(angle)[:, None] * u + np.sin(angle)[:, None] * np.cross(axis, u)
-    return np.asarray(start + share[:, None] * length * axis + size[:, None] * across)
-
-
-@pytest.mark.parametrize("seconds", [0.1, 5.0, 6.0, 60.0])
-def test_a_slower_pace_takes_the_time_it_is_given(seconds: float) -> None:
-    """Blocks that are slower than they could be need less time to get up to speed: the rest was lost to nobody."""
-    path = np.zeros((5, len(TABLE.axis_names)))
-    path[:, TABLE.axis_names.index("X")] = np.linspace(0.0, 100.0, 5)
-    least, more = pace(TABLE, path)
-    whole, rest = spread(least, more, seconds)
-    assert whole + rest == pytest.approx(max(seconds, least + more), rel=1e-12)
-    speed = 100.0 / whole
-    assert rest == pytest.approx(speed / (CAUTION * (TABLE.axes["X"].max_acceleration or 0.0)), rel=1e-9)
-
-
-def test_the_program_takes_the_time_that_its_file_says() -> None:
-    """A way around that takes less time than a pose is given waits at the pose."""
-    run = _grid((-90.0, 90.0))
-    post = cleared(OYAMA, (run,), {run.id: (1,)})
-    slow = replace(run, time=arrival_times(OYAMA, run, post, 200.0))
-    steps = program_steps(OYAMA, slow, post)
-    dwells = [i for i, step in enumerate(steps) if step.kind == "dwell"]
-    assert sum(step.seconds for step in steps[dwells[0] + 1 : dwells[-1] + 1]) == pytest.approx(200.0, abs=0.11)
-
-
-def _shares(machine: Machine, run: Run, post: Post) -> np.ndarray:
-    """Of every feed block and axis: its speed as a share of the greatest feed."""
-    found, before = [], dict.fromkeys(machine.axis_names, np.nan)
-    feeds = [machine.axes[n].max_feed or np.inf for n in machine.axis_names]
-    for step in program_steps(machine, run, post):
-        if step.kind == "feed":
-            found.append([abs(step.commands[n] - before[n]) / step.seconds * 60.0 for n in machine.axis_names])
-        before = {**before, **step.commands}
-    return np.nan_to_num(np.array(found) / feeds)
-
-
-@pytest.mark.parametrize("hurried", [1.0, 0.1])
-def test_no_block_asks_for_more_than_half_an_axis_greatest_feed(hurried: float) -> None:
-    """Linear axes that follow a turning table go farther than the difference of the end points."""
-    rows = {"B": np.array([0.0, 60.0, -60.0, 0.0]), "C": np.array([0.0, 180.0, 360.0, 20.0])}
-    (run,) = static_ball_bar(TABLE, poses=rows, table_balls=((120.0, 0.0, 120.0),), length=100.0, seconds_per_pose=60.0)
-    quick = replace(run, time=run.time * hurried / 20.0)
-    shares = _shares(TABLE, quick, Post())
-    assert 0.49 < shares.max() <= CAUTION * (1.0 + 1e-9)
-    straight = np.abs(np.diff(np.stack([run.commands[n] for n in TABLE.axis_names]), axis=1)).max(axis=1)
-    travelled = np.zeros(len(straight))
-    seated = [step for step in program_steps(TABLE, quick) if step.seated and step.kind == "feed"]
-    for a, b in itertools.pairwise(seated):
-        travelled += [abs(b.commands[n] - a.commands[n]) for n in TABLE.axis_names]
-    assert (travelled > 2.0 * straight).any(), "the case that differences of end points do not see"
-
-
-def test_feeds_hold_on_the_path_that_the_control_makes() -> None:
-    """Under tool-centre control one block leads to a pose, and the linear axes follow by themselves."""
-    run = _grid((0.0,), (0.0, 180.0), (100.0, 0.0, 80.0))
-    quick = replace(run, time=run.time / 1e3)
-    steps = program_steps(OYAMA, quick, Post(tool_centre_on="TRAORI", tool_centre_off="TRAFOOF"))
-    (move,) = (step for step in steps if step.row == 1 and step.kind == "feed")
-    angular = np.pi / move.seconds  # rad/s of C: the ball 100 mm off the axis goes so fast in X and in Y
-    fastest = min(OYAMA.axes[n].max_feed or np.inf for n in "XY")
-    assert 60.0 * angular * 100.0 <= CAUTION * fastest * (1.0 + 1e-3)
-    assert np.degrees(angular) * 60.0 <= CAUTION * (OYAMA.axes["C"].max_feed or np.inf) * (1.0 + 1e-9)
-
-
-def test_the_pace_of_one_straight_move_is_that_from_rest_to_rest() -> None:
-    axis = TABLE.axes["X"]
-    speed, push = CAUTION * (axis.max_feed or 0.0) / 60.0, CAUTION * (axis.max_acceleration or 0.0)
-    for way in (1.0, 5.0, 200.0):
-        path = np.zeros((2, len(TABLE.axis_names)))
-        path[1, TABLE.axis_names.index("X")] = way
-        expected = 2.0 * np.sqrt(way / push) if way < speed**2 / push else way / speed + speed / push
-        assert sum(pace(TABLE, path)) == pytest.approx(expected, rel=1e-12)
-    assert pace(TABLE, np.zeros((2, len(TABLE.axis_names)))) == (0.0, 0.0)
 
 
 @pytest.mark.slow
