@@ -20,12 +20,12 @@ from symfive.design._space import Space, make_space
 from symfive.errors import InputError
 from symfive.machine import Machine
 from symfive.optimal import Task
+from symfive.runs import instrument_words
 from symfive.screen import plural
 from symfive.threads import one_thread
 
 INSTRUMENTS = ("r_test", "ball_bar", "touch_probe")
 RATE_HZ = 50.0
-WORDS = {"r_test": "R-test", "ball_bar": "ball bar (poses and circles)", "touch_probe": "touch probe"}
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class JointCertificate:
     def says(self) -> str:
         """The certificate in one sentence."""
         share, most = down(self.efficiency), math.ceil(self.gain * 1e3) / 1e3
-        names = ", ".join(WORDS[name] for name in self.instruments)
+        names = ", ".join(instrument_words(n) + (" (poses and circles)" if n == BAR else "") for n in self.instruments)
         return (
             f"efficiency ≥ {share} in {self.minutes:.3g} min with at most {plural(self.mountings, 'mounting')}, set-up "
             f"included, over {self.candidates} candidate poses and circles with {names}; together at most {most:.3f} × lower "

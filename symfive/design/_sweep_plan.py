@@ -57,21 +57,21 @@ from symfive.model import effect_to_data
 from symfive.nc import Post
 from symfive.optimal import Task, relax
 from symfive.procedures import DWELL_S, campaign_of
+from symfive.runs import instrument_words
 from symfive.screen import listed, plural
 from symfive.threads import one_thread
 
 
 @dataclass(frozen=True)
 class _Kind:
-    """An instrument: its `name`, the `poses` at rest with which its sweeps are compared, and the sweeps `drawn` at random beside
-    those of the grid, which is coarse where a bar adds two variables."""
+    """Of an instrument, the `poses` at rest with which its sweeps are compared, and the sweeps `drawn` at random beside those of
+    the grid, which is coarse where a bar adds two variables."""
 
-    name: str
     poses: int
     drawn: int
 
 
-INSTRUMENTS = {"r_test": _Kind("R-test", 200, 0), "ball_bar": _Kind("ball bar", 2000, 10_000)}
+INSTRUMENTS = {"r_test": _Kind(200, 0), "ball_bar": _Kind(2000, 10_000)}
 SPEEDS = (5.0, 10.0, 20.0)
 ROUNDS = 2
 LONGEST_S = 3600.0
@@ -144,7 +144,7 @@ class SweepPlan(Written):
         sweeps = sum(len(stops) - 1 for stops in self.stops)
         seconds = sum(run.duration for run in self.campaign.runs)
         head = (
-            f"{INSTRUMENTS[self.instrument].name} in motion, {sweeps} sweeps in {several}, {seconds:.0f} s, "
+            f"{instrument_words(self.instrument)} in motion, {sweeps} sweeps in {several}, {seconds:.0f} s, "
             f"{self.minutes:.1f} min with set-up"
         )
         return "\n".join([head, *self._ways(), *listed(self._says, "plan.notes", 10), str(self.assessment)])

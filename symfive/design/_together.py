@@ -18,7 +18,7 @@ from typing import Any
 from symfive.campaign import Campaign, SetupSigma
 from symfive.design._assess import Assessment, assess, assessment_data
 from symfive.design._digits import six_digits
-from symfive.design._joint_certificate import INSTRUMENTS, WORDS, JointCertificate, certified, merged, shared_minutes
+from symfive.design._joint_certificate import INSTRUMENTS, JointCertificate, certified, merged, shared_minutes
 from symfive.design._minutes import GAP, Mix
 from symfive.design._plan import plan
 from symfive.design._request import MOST, check_counts, check_minutes
@@ -30,6 +30,7 @@ from symfive.errors import InputError
 from symfive.given import campaign_given, machine_given
 from symfive.machine import Machine
 from symfive.nc import Post
+from symfive.runs import instrument_words
 from symfive.screen import listed
 from symfive.threads import one_thread
 
@@ -68,7 +69,7 @@ class JointPlan(Written):
     @property
     def notes(self) -> tuple[str, ...]:
         """Why instruments are not used, and what the parts say of themselves."""
-        own = (f"{_words(part.instrument)}: {note}" for part in self.parts for note in part.notes)
+        own = (f"{instrument_words(part.instrument)}: {note}" for part in self.parts for note in part.notes)
         return (*self.left_out, *own)
 
     def driven(self, post: Post | None) -> JointPlan:
@@ -166,7 +167,7 @@ def plan_together(
             machine, instrument=kind, criterion=criterion, for_=wanted, minutes=min(share[1], minutes), setups=share[0],
             points=min(max(2, share[2]), MOST["points"]), given=merged(known) if known else None, noise_um=noise_um,
             setup_sigma=setup_sigma, returns=returns, starts=starts, seed=seed, pool=pool, anywhere=False, prove=False,
-            progress=lambda message: progress(f"{_words(kind)}: {message}"),
+            progress=lambda message: progress(f"{instrument_words(kind)}: {message}"),
         )  # fmt: skip
 
     def value(parts: Sequence[Plan]) -> float:
@@ -192,9 +193,11 @@ def plan_together(
     why = f"in these minutes it lowers the variance by less than {100 * GAP:g} %"
     if len(chosen) > 1 and len(parts) == 1:
         why = "no plan that was found with it is better in these minutes"
-    left_out = [f"{_words(name)} not used: {reason}" for name, reason in shared.refused.items()]
+    left_out = [f"{instrument_words(name)} not used: {reason}" for name, reason in shared.refused.items()]
     left_out += [
-        f"{_words(name)} not used: {why}" for name in shared.spaces if name not in {part.instrument for part in parts}
+        f"{instrument_words(name)} not used: {why}"
+        for name in shared.spaces
+        if name not in {part.instrument for part in parts}
     ]
     return JointPlan(tuple(parts), certificate, expected, tuple(left_out))
 
@@ -216,8 +219,4 @@ def _all(parts: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
 def _step(part: Plan) -> str:
     count = len(part.campaign.runs)
     mounted = "one mounting" if count == 1 else f"{count} mountings"
-    return f"{_words(part.instrument)}: {mounted}, {part.campaign.rows} rows, {part.minutes:.0f} min"
-
-
-def _words(instrument: str) -> str:
-    return WORDS[instrument].partition(" (")[0]
+    return f"{instrument_words(part.instrument)}: {mounted}, {part.campaign.rows} rows, {part.minutes:.0f} min"
