@@ -14,13 +14,14 @@ import itertools
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from symfive.campaign import Campaign
-from symfive.design._assess import assess, assessment_data
+from symfive.design._assess import Assessment, assess, assessment_data
 from symfive.design._circle_certificate import CircleCertificate, certify_circles, farthest, fastest
 from symfive.design._circle_words import (
     circle_words,
@@ -83,6 +84,11 @@ class CirclePlan(Written):
     certificate: CircleCertificate | None = None
     information: Information | None = None
 
+    @cached_property
+    def assessment(self) -> Assessment:
+        """What is expected of the machine's errors and the effects together."""
+        return assess(self.campaign, effects=self.effects)
+
     def to_data(self) -> dict[str, Any]:
         """plan.json as nested mappings."""
         shapes = [
@@ -94,13 +100,12 @@ class CirclePlan(Written):
             "certificate": None if self.certificate is None else self.certificate.to_data(),
             "information": None if self.information is None else self.information.to_data(),
             "value": self.value, "value_of_the_grid": self.grid_value, "considered": len(self.considered),
-            **assessment_data(assess(self.campaign, effects=self.effects)), "notes": list(self.notes),
+            **assessment_data(self.assessment), "notes": list(self.notes),
         }  # fmt: skip
 
     def _write_into(self, folder: Path, nc: tuple[str, ...], post: Post | None) -> None:
         worth = "" if self.certificate is None else f"Certificate: {self.certificate.says}"
-        expected = assess(self.campaign, effects=self.effects)
-        write_recordings(self.campaign, expected, self.to_data(), folder, nc, post, worth)
+        write_recordings(self.campaign, self.assessment, self.to_data(), folder, nc, post, worth)
 
     def __str__(self) -> str:
         count = len(self.circles)
