@@ -13,9 +13,8 @@ import numpy as np
 
 from symfive.campaign import Run
 from symfive.machine import Machine
-from symfive.procedures import feed_in
+from symfive.procedures import PLANES, feed_in
 
-PLANES = ("XY", "YZ", "ZX")
 SAME_MM = 1e-5
 """What moves by less stands still, and lies on the circle: positions in a file have six decimals."""
 LEAST_RAD = 0.1

@@ -31,7 +31,7 @@ BEFORE_FEED_IN_S = 1.0
 def pulled_out(run: Run, circle: Circle, row: int) -> dict[str, float]:
     """Positions of the axes at the first or the last row with the bar pulled out."""
     angle = circle.start + (circle.sweep if row else 0.0)
-    return {**_commands(run, row), **circle.at(angle, circle.radius + circle.out)}
+    return {**pose_of(run, row), **circle.at(angle, circle.radius + circle.out)}
 
 
 def circular(run: Run, circle: Circle, *, bar: bool) -> list[Step]:
@@ -39,18 +39,18 @@ def circular(run: Run, circle: Circle, *, bar: bool) -> list[Step]:
     last = run.rows - 1
     sense = "counter-clockwise" if circle.sweep > 0.0 else "clockwise"
     path = f"{abs(circle.sweep):g} deg {sense} in {circle.plane} with run-up and run-out, radius {circle.radius:g} mm"
-    end = _commands(run, last)
+    end = pose_of(run, last)
     arc = Step(
         kind="arc", positions={n: end[n] for n in circle.plane}, commands=end, seconds=circle.seconds, row=last,
         towards=last, seated=True, feed=circle.feed, centre=circle.centre, sweep=circle.sweep,
-        way={row: _commands(run, row) for row in circle.way},
+        way={row: pose_of(run, row) for row in circle.way},
     )  # fmt: skip
     radial = [
         Step(
             kind="feed", positions={n: there[n] for n in sorted(circle.plane)}, commands=there, towards=row,
             seconds=60.0 * circle.out / circle.feed, seated=True, feed=circle.feed,
         )
-        for there, row in ((_commands(run, 0), 0), (pulled_out(run, circle, last), last))
+        for there, row in ((pose_of(run, 0), 0), (pulled_out(run, circle, last), last))
         if bar
     ]  # fmt: skip
     return [
@@ -62,7 +62,8 @@ def circular(run: Run, circle: Circle, *, bar: bool) -> list[Step]:
     ]
 
 
-def _commands(run: Run, row: int) -> dict[str, float]:
+def pose_of(run: Run, row: int) -> dict[str, float]:
+    """Positions of all axes in a row."""
     return {name: float(q[row]) for name, q in run.commands.items()}
 
 

@@ -16,7 +16,7 @@ from symfive.nc._arc import circle_of
 from symfive.nc._base import Step
 from symfive.nc._post import Post
 from symfive.nc._probing import ProbeWays
-from symfive.nc._recording import STANDSTILL, pulled_out
+from symfive.nc._recording import STANDSTILL, pose_of, pulled_out
 from symfive.nc._route import Positions
 from symfive.nc._writer import LINEAR, ORIENT_S, ROTARY, Writer
 
@@ -98,7 +98,7 @@ def stands(machine: Machine, run: Run, row: int) -> list[Positions]:
     sphere. Raises `InputError` where that leaves a travel."""
     if "touch_probe" in run.instrument:
         return ProbeWays(machine, run, Post()).stands(row)
-    return [{name: float(q[row]) for name, q in run.commands.items()}]
+    return [pose_of(run, row)]
 
 
 def _writer_of(machine: Machine, run: Run, post: Post) -> Writer:

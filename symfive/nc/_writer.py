@@ -26,7 +26,7 @@ from symfive.nc._arc import circle_of
 from symfive.nc._base import Step
 from symfive.nc._pace import CAUTION, pace, spread, tenths
 from symfive.nc._post import Post
-from symfive.nc._recording import STANDSTILL, circular, pulled_out, said, straight_blocks
+from symfive.nc._recording import STANDSTILL, circular, pose_of, pulled_out, said, straight_blocks
 from symfive.nc._route import (
     LEAST_LIFT_MM,
     Positions,
@@ -331,7 +331,7 @@ class Writer:
         return sum(self._pace(before, after, 1.0))
 
     def _commands(self, row: int) -> dict[str, float]:
-        return {n: float(self.run.commands[n][row]) for n in self.names}
+        return pose_of(self.run, row)
 
     def _pose(self, row: int, seconds: float) -> Step:
         return replace(self._feed(self._commands(row), self.places[row], seconds, row), row=row)
