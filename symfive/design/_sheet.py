@@ -14,7 +14,7 @@ from symfive.design._assess import Assessment
 from symfive.design._mounting import STILL, digits, from_axes, mounted_before, over_the_ball, path_facts, pose_table
 from symfive.design._schedule import SETUP_S
 from symfive.drawing import PAGE_STYLE, SCRIPT, poses_figure, templates
-from symfive.instruments import has_bar, instruments_of, mounted
+from symfive.instruments import columns_of, has_bar, instruments_of, mounted, mounted_instrument
 from symfive.machine import Machine
 from symfive.nc import (
     UNCHECKED,
@@ -30,6 +30,7 @@ from symfive.nc import (
 from symfive.numbers import plain_number, unit_words
 from symfive.procedures import PAUSE_S, Nominal
 from symfive.runs import instrument_words
+from symfive.screen import plural
 
 DRY_RUN = "Dry-run the programs without the instrument first."
 
@@ -74,7 +75,7 @@ def _facts(sheet: Sheet) -> str:
     runs = sheet.campaign.runs
     used = _names(name for run in runs for name in run.instrument)
     minutes = sum(_minutes(sheet, run) for run in runs)
-    count = f"{len(runs)} run{'s' if len(runs) > 1 else ''}, {sheet.campaign.rows} readings"
+    count = f"{plural(len(runs), 'run')}, {sheet.campaign.rows} readings"
     return f"{used} · {sheet.facts or f'{count} · about {minutes:.0f} min with set-up'}"
 
 
@@ -139,7 +140,7 @@ def _steps(sheet: Sheet, nominal: Nominal, run: Run, stands: str) -> list[str]:
         )
     if "r_test" in run.instrument:
         steps.append(_lean(nominal, run, stands))
-    steps += _start(sheet, run)
+    steps += mounted_instrument(run).start(run, machine)
     if not programmed:
         return steps
     for series in series_of(machine, sheet.campaign.runs):
@@ -175,40 +176,6 @@ def _place(run: Run, stands: str) -> list[str]:
     ]
 
 
-def _start(sheet: Sheet, run: Run) -> list[str]:
-    """How to start the program, and which readings it gives."""
-    if "r_test" in run.instrument:
-        record = ["Start the recording there, then let the program go on."] if run.dynamic else []
-        zeroed = all(instrument.zeroed(run) for instrument in instruments_of(run))
-        stands, held = mounted(run)
-        moved = held.split()[-1]
-        seat = "seat the ball" if moved == "ball" else "bring it to the ball"
-        return [
-            f"Mount {stands} and {held} before you start the program of run {run.id}. It stops with "
-            f"the {moved} clear of the {stands}, and again for you to {seat}"
-            f"{' and set the readings to zero' if zeroed else ''}.",
-            *(
-                []
-                if zeroed
-                else [
-                    f"Readings are zero with the {moved} at the known position of the {stands}; do not set them to zero."
-                ]
-            ),
-            *record,
-            _signs(run),
-        ]
-    if "touch_probe" not in run.instrument:
-        start = f"Start the program of run {run.id}; it stops for you to mount the instrument."
-        mount = "Mount the bar and start its recording there, then let the program go on."
-        return [start, *([mount] if has_bar(run) and run.dynamic else [])]
-    space = sheet.campaign.machine.workspace
-    return [
-        f"Sphere of radius {space.sphere_radius:g} mm, tip of radius {space.tip_radius:g} mm, probe switched on, spindle locked.",
-        f"Start the program of run {run.id}; it stops above the sphere, then probes it. Its header names the log.",
-        "Copy the log and import it: symfive import-touches PLAN LOG -o measured.",
-    ]
-
-
 def _lean(nominal: Nominal, run: Run, stands: str) -> str:
     """Tilt of the tool from the axis of an R-test's nest, and its limit."""
     opening = nominal.machine.workspace.nest_opening
@@ -218,18 +185,6 @@ def _lean(nominal: Nominal, run: Run, stands: str) -> str:
     if opening is not None:
         return f"{tilts}; {opening:g}° are allowed (nest_opening)."
     return f"{tilts}: check that its sensors leave room for that, or state nest_opening in [workspace] and plan again."
-
-
-def _signs(run: Run) -> str:
-    """Sign of an R-test's readings."""
-    frame, moved = run.options.get("frame", "workpiece"), "tool ball"
-    if run.options.get("sense") == "table-tool":
-        moved = "table's ball"
-    if "directions" in run.options:
-        return (
-            f"Each sensor reads positive when the {moved} moves along its direction in campaign.toml ({frame} frame)."
-        )
-    return f"dx, dy and dz are positive when the {moved} moves towards +x, +y and +z of the {frame} frame."
 
 
 def _moves(machine: Machine, post: Post) -> list[str]:
@@ -264,7 +219,7 @@ def _ball_positions(nominal: Nominal, run: Run, stands: str) -> dict[str, Any]:
 def _recording(nominal: Nominal, run: Run) -> dict[str, Any]:
     """A recording: what is read, along which path, how each axis moves."""
     machine, axes = nominal.machine, []
-    columns = [column.name for i in instruments_of(run) for column in i.columns(run, machine)]
+    columns = [column.name for column in columns_of(run, machine)]
     facts = {
         "Instrument": f"{_names(run.instrument)}: {', '.join(columns)} into {run.file}",
         "Readings": f"{run.rows}, one every {plain_number(1e3 * run.interval)} ms",

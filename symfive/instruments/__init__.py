@@ -28,9 +28,9 @@ from symfive.machine import Machine
 from symfive.runs import Column, Run
 
 __all__ = [
-    "INSTRUMENTS", "ZERO_SIGMA_UM", "BallInstrument", "Column", "Instrument", "ball_instrument", "check_mounting", "columns_of",
-    "fitted_parts", "has_bar", "has_clock_of_its_own", "has_post", "instruments_of", "mounted", "positioning_instrument",
-    "setup_parameter", "setup_vector", "touches_of", "vector_constants",
+    "INSTRUMENTS", "ZERO_SIGMA_UM", "BallInstrument", "Column", "Instrument", "ball_instrument", "check_mounting",
+    "columns_of", "fitted_parts", "has_bar", "has_clock_of_its_own", "has_post", "instruments_of", "mounted",
+    "mounted_instrument", "positioning_instrument", "setup_parameter", "setup_vector", "touches_of", "vector_constants",
 ]  # fmt: skip
 
 _ALL = (
@@ -57,9 +57,16 @@ def instruments_of(run: Run) -> tuple[Instrument, ...]:
     return tuple(INSTRUMENTS[name] for name in run.instrument)
 
 
+def mounted_instrument(run: Run) -> Instrument:
+    """The first instrument of a run that names a place on the table; the first of all where none does."""
+    every = instruments_of(run)
+    return next((instrument for instrument in every if instrument.stands), every[0])
+
+
 def mounted(run: Run) -> tuple[str, str]:
     """What stands on the table in a run, and what the spindle holds; nothing where no instrument names a place."""
-    return next(((i.on_table(run), i.in_spindle(run)) for i in instruments_of(run) if i.stands), ("", ""))
+    instrument = mounted_instrument(run)
+    return (instrument.on_table(run), instrument.in_spindle(run)) if instrument.stands else ("", "")
 
 
 def ball_instrument(run: Run) -> BallInstrument | None:

@@ -108,6 +108,12 @@ class Instrument:
         """Rows (N,) of which no parameter determines the readings, so that these count nowhere."""
         return np.zeros(run.rows, dtype=bool)
 
+    def start(self, run: Run, machine: Machine) -> tuple[str, ...]:
+        """What the operator does to start the program of a run, in sentences of the set-up sheet."""
+        start = f"Start the program of run {run.id}; it stops for you to mount the instrument."
+        mount = "Mount the bar and start its recording there, then let the program go on."
+        return (start, mount) if self.bar and run.dynamic else (start,)
+
     def remarks(self, run: Run, machine: Machine, found: Mapping[str, tuple[float, float]]) -> tuple[str, ...]:
         """What a fit says of such rows in a run, and of parameters that no instrument has: `found` name → value and 1σ."""
         return ()

@@ -73,6 +73,30 @@ class RTest(BallInstrument):
     def zeroed(self, run: Run) -> bool:
         return run.setup_sigma_um.zero is None
 
+    def start(self, run: Run, machine: Machine) -> tuple[str, ...]:
+        stands, held = self.on_table(run), self.in_spindle(run)
+        moved = held.split()[-1]
+        seat = "seat the ball" if moved == "ball" else "bring it to the ball"
+        zero = " and set the readings to zero" if self.zeroed(run) else ""
+        known = f"Readings are zero with the {moved} at the known position of the {stands}; do not set them to zero."
+        return (
+            f"Mount {stands} and {held} before you start the program of run {run.id}. It stops with "
+            f"the {moved} clear of the {stands}, and again for you to {seat}{zero}.",
+            *(() if self.zeroed(run) else (known,)),
+            *(("Start the recording there, then let the program go on.",) if run.dynamic else ()),
+            self._signs(run),
+        )
+
+    @staticmethod
+    def _signs(run: Run) -> str:
+        """In which direction its readings are positive."""
+        frame = run.options.get("frame", "workpiece")
+        moved = "table's ball" if run.options.get("sense") == "table-tool" else "tool ball"
+        if "directions" in run.options:
+            along = f"along its direction in campaign.toml ({frame} frame)"
+            return f"Each sensor reads positive when the {moved} moves {along}."
+        return f"dx, dy and dz are positive when the {moved} moves towards +x, +y and +z of the {frame} frame."
+
     def reading(self, row: Row, run: Run) -> list[Any]:
         import casadi as ca
 

@@ -50,6 +50,14 @@ class TouchProbe(BallInstrument):
         lobes = tuple(setup_parameter(run, f"lobing.{f}", "um", lobing) for f in ("cos", "sin")) if lobing else ()
         return (*setup_vector(run, "table_ball", sigma.table_ball), *setup_vector(run, "tool_ball", sigma.tool), *lobes)
 
+    def start(self, run: Run, machine: Machine) -> tuple[str, ...]:
+        sphere, tip = machine.workspace.sphere_radius, machine.workspace.tip_radius
+        return (
+            f"Sphere of radius {sphere:g} mm, tip of radius {tip:g} mm, probe switched on, spindle locked.",
+            f"Start the program of run {run.id}; it stops above the sphere, then probes it. Its header names the log.",
+            "Copy the log and import it: symfive import-touches PLAN LOG -o measured.",
+        )
+
     def reading(self, row: Row, run: Run) -> list[Any]:
         import casadi as ca
 
