@@ -49,6 +49,11 @@ def plural(count: int, noun: str) -> str:
     return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
+def first_of(words: Sequence[str], most: int) -> str:
+    """The first of some words, and how many more there are: `A, B and 3 more`."""
+    return ", ".join(words[:most]) + (f" and {len(words) - most} more" if len(words) > most else "")
+
+
 def wrapped(head: str, text: str) -> list[str]:
     """Lines of the text behind its head, the further ones indented alike; what belongs to one number stays together."""
     for mark in (" ± ", " → "):

@@ -11,6 +11,7 @@ import click
 from symfive.cli import _common as cli
 from symfive.errors import InputError, inside
 from symfive.outputs import output_file, output_folder
+from symfive.validation import among
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -211,8 +212,7 @@ def _of_the_plan(plan: Campaign, path: Path, files: Sequence[Path], names: Seque
         problem = f"{len(files)} files for {len(wanted)} runs ({', '.join(wanted) or 'none'})"
         raise InputError(problem, remedy="give one file a run, or --run once per file, in their order")
     for name in wanted:
-        if name not in runs:
-            raise InputError(f"the plan has no run {name}", path=path, remedy=f"use one of {', '.join(runs)}")
+        among(name, runs, f"the plan has no run {name}", path=path)
     return [(file, runs[name]) for file, name in zip(files, wanted, strict=True)]
 
 

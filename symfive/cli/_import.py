@@ -65,9 +65,9 @@ def import_table(
     from symfive.importers import Setting, meanings, prepared, read_table, runs_of, shown_meanings, taken
     from symfive.importers.polar import DIRECTIONS
     from symfive.procedures import PLANES, campaign_of
+    from symfive.validation import among
 
-    if plane not in PLANES:
-        raise InputError(f'plane "{plane}" is unknown', remedy=f"use one of {', '.join(PLANES)}")
+    among(plane, PLANES, f'plane "{plane}" is unknown')
     if direction and (len(direction) != len(files) or not set(direction) <= set(DIRECTIONS)):
         problem = f"{len(files)} files have the directions {', '.join(direction)}"
         raise InputError(problem, remedy="give --direction ccw or cw once per file, in their order")

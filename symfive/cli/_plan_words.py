@@ -11,6 +11,7 @@ from click.core import ParameterSource
 
 from symfive.cli import _common as cli
 from symfive.errors import InputError
+from symfive.validation import among
 
 if TYPE_CHECKING:
     from symfive.campaign import SetupSigma
@@ -132,9 +133,7 @@ def setup_sigma_of(given: Mapping[str, float | None]) -> SetupSigma:
 def rotary_of(machine: Machine, names: str) -> tuple[str, ...]:
     found = names_in(names)
     for name in found:
-        if name not in machine.rotary_axes:
-            there = ", ".join(machine.rotary_axes) or "none"
-            raise InputError(f"the machine has no rotary axis {name} to reverse", remedy=f"use one of {there}")
+        among(name, machine.rotary_axes, f"the machine has no rotary axis {name} to reverse")
     return found
 
 
@@ -152,9 +151,7 @@ def effects_of(words: Sequence[str], family: str) -> list[Effect]:
     from symfive.design import FAMILIES
     from symfive.effects import make_effect
 
-    if family not in FAMILIES:
-        problem = f'there are no "{family}" circles'
-        raise InputError(problem, remedy=f"use one of {', '.join([CIRCULAR_TEST, *FAMILIES])}")
+    among(family, [CIRCULAR_TEST, *FAMILIES], f'there are no "{family}" circles')
     if not words:
         raise InputError("circles are chosen for effects and none is named", remedy="add --effect backlash:C")
     return [make_effect(name, axis or None) for name, _, axis in (word.partition(":") for word in words)]

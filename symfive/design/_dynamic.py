@@ -47,8 +47,9 @@ from symfive.nc import Post
 from symfive.optimal import criterion_of
 from symfive.parameters import Parameter
 from symfive.procedures import PLANES, campaign_of, circle_frame, heights, senses
-from symfive.screen import listed
+from symfive.screen import listed, plural
 from symfive.threads import one_thread
+from symfive.validation import among
 
 RATIOS = (0.0, 0.3, 0.5, 0.7, 0.8, 0.85, 0.9, 1.1, 1.15, 1.2, 1.3, 1.5, 1.8)
 FREE = {"synchronous": ("ratio", "feed"), "planar": ("feed", "x", "y", "z")}
@@ -108,9 +109,9 @@ class CirclePlan(Written):
         write_recordings(self.campaign, self.assessment, self.to_data(), folder, nc, post, worth)
 
     def __str__(self) -> str:
-        count = len(self.circles)
-        circles = "circle" if count == 1 else "circles"
-        lines = [f"{count} {circles} of {len(self.considered)} considered, {self.minutes:.1f} min of recording"]
+        lines = [
+            f"{plural(len(self.circles), 'circle')} of {len(self.considered)} considered, {self.minutes:.1f} min of recording"
+        ]
         lines += [f"  {circle_words(circle)}" for circle in self.circles]
         lines += listed(sigma_words(self.parameters, self.sigma), "plan.sigma")
         notes = listed(self.notes, "plan.notes", 10)
@@ -194,8 +195,7 @@ def feeds_of(machine: Machine) -> tuple[float, ...]:
 def _check(
     family: str, robust: str, count: int, planes: Sequence[str], directions: Sequence[str], free: Sequence[str] | None
 ) -> None:
-    if family not in FAMILIES:
-        raise InputError(f'there are no "{family}" circles', remedy=f"use one of {', '.join(FAMILIES)}")
+    among(family, FAMILIES, f'there are no "{family}" circles')
     check_robust(robust)
     if count < 1:
         raise InputError(f"count = {count} is too few", remedy="give at least 1")
@@ -203,8 +203,7 @@ def _check(
         if name not in FAMILIES[family]:
             raise InputError(f"a {family} circle has no variable {name}", remedy=f"use {', '.join(FAMILIES[family])}")
     for plane in planes:
-        if plane not in PLANES:
-            raise InputError(f'plane "{plane}" is unknown', remedy=f"use one of {', '.join(PLANES)}")
+        among(plane, PLANES, f'plane "{plane}" is unknown')
     for direction in directions:
         senses(direction)
 

@@ -10,7 +10,7 @@ import numpy as np
 from symfive.arrays import Array
 from symfive.campaign import FIRST_LINE, Campaign, Run
 from symfive.errors import InputError
-from symfive.instruments import instruments_of, mounted, touches_of
+from symfive.instruments import columns_of, mounted, touches_of
 from symfive.nc import Post
 from symfive.numbers import plain_number, unit_words
 from symfive.procedures import Nominal
@@ -161,7 +161,7 @@ def _how_read(campaign: Campaign, run: Run, post: Post) -> str:
     at = ", ".join(f"{v:.1f}" for v in run.table_ball)
     if "touch_probe" in run.instrument:
         return f"sphere at ({at}) mm, {len(touches_of(run))} touches at each, which the control logs"
-    columns = [column.name for i in instruments_of(run) for column in i.columns(run, campaign.machine)]
+    columns = [column.name for column in columns_of(run, campaign.machine)]
     bar = "" if run.length is None else f", bar of {run.length:g} mm"
     stands, _ = mounted(run)
     what = f"{stands} at ({at}) mm{bar}; " if stands else ""

@@ -22,7 +22,7 @@ from symfive.design._space import Space, make_space
 from symfive.errors import InputError
 from symfive.machine import Machine
 from symfive.optimal import Criterion, Rows, Task, criterion_of
-from symfive.validation import at_most, positive
+from symfive.validation import among, at_most, positive
 
 SEEN = 0.5
 """A parameter is seen by a plan where the posterior variance is below this share of its prior's."""
@@ -76,8 +76,7 @@ class Request:
         check_minutes(self.minutes)
         if not (self.noise_um > 0.0 and math.isfinite(self.noise_um)):
             raise InputError(f"noise_um = {self.noise_um:g} is not positive", remedy="give the instrument's 1σ in µm")
-        if self.frame not in FRAMES:
-            raise InputError(f'frame = "{self.frame}" is unknown', remedy=f"use one of {', '.join(FRAMES)}")
+        among(self.frame, FRAMES, f'frame = "{self.frame}" is unknown')
         if self.frame != FRAMES[0] and self.instrument != "r_test":
             raise InputError(f"readings of {self.instrument} have no frame", remedy="use instrument r_test")
 
@@ -110,8 +109,7 @@ def check_minutes(minutes: float | None) -> None:
 
 def check_robust(robust: str) -> None:
     """Refuse what a plan cannot be robust for."""
-    if robust not in ROBUST:
-        raise InputError(f'robust = "{robust}" is unknown', remedy=f"use one of {', '.join(ROBUST)}")
+    among(robust, ROBUST, f'robust = "{robust}" is unknown')
 
 
 def with_bars(machine: Machine, lengths: Sequence[float]) -> Machine:
@@ -154,14 +152,19 @@ def interest_of(names: Sequence[str], wanted: tuple[str, ...]) -> tuple[str, ...
     return tuple(found)
 
 
+def check_given(given: Campaign, machine: Machine) -> None:
+    """Refuse a campaign of another machine."""
+    if given.machine.structure != machine.structure:
+        raise InputError("the campaign given is of another machine", remedy="give one measured on this machine")
+
+
 def task_of(space: Space, criterion: str | Criterion, wanted: Sequence[str], given: Campaign | None) -> Task:
     """The task of a plan in this space, with the information of an earlier campaign; `criterion` itself or its name."""
     names = [p.name for p in space.shared]
     interest = np.array([names.index(name) for name in wanted], dtype=np.int64)
     prior = np.eye(len(names))
     if given is not None:
-        if given.machine.structure != space.machine.structure:
-            raise InputError("the campaign given is of another machine", remedy="give one measured on this machine")
+        check_given(given, space.machine)
         sigma = np.array([p.sigma for p in space.shared])
         prior = prior + machine_information(given, names) * np.outer(sigma, sigma)
     if not isinstance(criterion, str):

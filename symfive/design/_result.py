@@ -23,7 +23,7 @@ from symfive.nc import Post, addressed
 from symfive.numbers import plain_number
 from symfive.outputs import write_text
 from symfive.runs import instrument_words
-from symfive.screen import listed
+from symfive.screen import listed, plural
 
 
 @dataclass(frozen=True, repr=False)
@@ -162,7 +162,7 @@ class Left:
 
     def words(self) -> str:
         """Its size in words."""
-        return f"{self.poses} poses in {self.runs} set-up{'s' if self.runs > 1 else ''}, {self.minutes:.0f} min"
+        return f"{self.poses} poses in {plural(self.runs, 'set-up')}, {self.minutes:.0f} min"
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,7 @@ from symfive.design._candidates import candidates_in, pose_grid
 from symfive.design._circles import Goal
 from symfive.design._digits import six_digits
 from symfive.design._optimal_weights import together
-from symfive.design._request import check_counts, check_minutes, interest_of, task_of, with_bars
+from symfive.design._request import check_counts, check_given, check_minutes, interest_of, task_of, with_bars
 from symfive.design._schedule import SETUP_S
 from symfive.design._space import Space, make_space
 from symfive.design._sweep_recordings import (
@@ -240,8 +240,7 @@ def _seconds_in(minutes: float, least: float, most: int) -> Callable[[int], floa
 def _given(given: Campaign | Path | str, machine: Machine) -> Campaign:
     """The campaign measured before, each of its recordings with a delay of its own. Raises `InputError`."""
     campaign = campaign_given(given)
-    if campaign.machine.structure != machine.structure:
-        raise InputError("the campaign given is of another machine", remedy="give one measured on this machine")
+    check_given(campaign, machine)
     runs = [replace(r, clock_sigma_ms=r.clock_sigma_ms or DELAY_MS) if r.dynamic else r for r in campaign.runs]
     return replace(campaign, runs=tuple(runs))
 

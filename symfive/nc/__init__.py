@@ -44,6 +44,7 @@ from symfive.nc.iso import ISO
 from symfive.nc.linuxcnc import LINUXCNC
 from symfive.nc.siemens import SIEMENS
 from symfive.outputs import write_text
+from symfive.validation import among
 
 __all__ = [
     "CAUTION", "DIALECTS", "UNCHECKED", "Dialect", "Positions", "Post", "Probing", "Seat", "Step", "Way", "able", "addressed",
@@ -58,8 +59,7 @@ DIALECTS: dict[str, Dialect] = {dialect.name: dialect for dialect in (ISO, SIEME
 
 def dialect_of(name: str) -> Dialect:
     """The dialect of that name. Raises `InputError`."""
-    if name not in DIALECTS:
-        raise InputError(f'NC dialect "{name}" is unknown', remedy=f"use one of {', '.join(DIALECTS)}")
+    among(name, DIALECTS, f'NC dialect "{name}" is unknown')
     return DIALECTS[name]
 
 

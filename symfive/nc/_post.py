@@ -11,7 +11,7 @@ from symfive.instruments import instruments_of, mounted
 from symfive.machine import Machine
 from symfive.nc._arc import circle_of
 from symfive.nc._route import Way
-from symfive.validation import at_most, positive
+from symfive.validation import among, at_most, positive
 
 RETRACT_MM = 50.0
 DWELL_S = 2.0
@@ -72,8 +72,7 @@ class Post:
         positive("programs", dwell_s=self.dwell_s)
         at_most("programs", HOUR_S, "s", "in an hour a machine drifts by more than it settles", dwell_s=self.dwell_s)
         at_most("programs", MACHINE_MM, "mm", "no machine tool is larger than 100 m", machine_top=self.machine_top)
-        if self.at_pose not in AT_POSE:
-            raise InputError(f'at_pose = "{self.at_pose}" is unknown', remedy=f"use one of {', '.join(AT_POSE)}")
+        among(self.at_pose, AT_POSE, f'at_pose = "{self.at_pose}" is unknown')
         if (self.at_pose == "trigger") != bool(self.trigger.strip()):
             remedy = "give both: --at-pose trigger and --trigger with your control's line, as M64 P0"
             raise InputError("a trigger needs the lines that start a reading, and lines a trigger", remedy=remedy)

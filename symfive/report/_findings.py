@@ -6,7 +6,7 @@ from symfive.diagnose import Diagnosis
 from symfive.effects import form_words
 from symfive.identify import may_have_stayed
 from symfive.report._words import determined
-from symfive.screen import wrapped
+from symfive.screen import first_of, wrapped
 from symfive.standards import standard_values
 
 FAINT_SIGMAS = 5.0
@@ -77,8 +77,7 @@ def _sight(diagnosis: Diagnosis) -> str:
     faint = [form_words(o.form, machine) for o in weak]
     said = f"{len(diagnosis.observability)} effects were tested (report.html lists all)."
     if faint:
-        more = f" and {len(faint) - SHOWN_FAINT} more" if len(faint) > SHOWN_FAINT else ""
-        said += f" {len(faint)} of usual size would be invisible in this test: {', '.join(faint[:SHOWN_FAINT])}{more}."
+        said += f" {len(faint)} of usual size would be invisible in this test: {first_of(faint, SHOWN_FAINT)}."
     if groups := len(diagnosis.classes):
         said += f" This test cannot separate the effects within {'one group' if groups == 1 else f'each of {groups} groups'}."
     alike = may_have_stayed(diagnosis.after)

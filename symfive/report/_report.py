@@ -34,6 +34,7 @@ from symfive.report._tables import (
 )
 from symfive.report._words import verdict
 from symfive.screen import plural
+from symfive.validation import among
 
 FORMATS = ("png", "svg", "pdf")
 NAME = "identification.html"
@@ -111,8 +112,7 @@ def save_figures(
     (`residuals-over-time.png`, …). Raises `InputError` for another format or where the folder cannot be written.
     """
     for format in formats:
-        if format not in FORMATS:
-            raise InputError(f'figures cannot be written as "{format}"', remedy=f"use one of {', '.join(FORMATS)}")
+        among(format, FORMATS, f'figures cannot be written as "{format}"')
     folder = Path(folder)
     written = []
     for drawing in FIGURES:

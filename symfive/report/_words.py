@@ -13,7 +13,7 @@ from symfive.kinematics import function_words
 from symfive.machine import Machine
 from symfive.numbers import expected_ratio, plain_number, rounded, unit_words, with_unit
 from symfive.parameters import DETERMINED, Parameter, said_together
-from symfive.screen import aligned, wrapped
+from symfive.screen import aligned, first_of, wrapped
 from symfive.worth import location_worths, worth_text
 
 _WAVE = re.compile(r"(.*\.(?:.*\*)?)(sin|cos)(\d*(?:\([^()]*\))?)")
@@ -158,8 +158,7 @@ def _knowledge(identification: Identification) -> str:
 
 def listed_words(parameters: list[Parameter]) -> str:
     """The first of some parameters in words, and how many more there are."""
-    said = said_together(parameters)
-    return ", ".join(said[:SHOWN]) + (f" and {len(said) - SHOWN} more" if len(said) > SHOWN else "")
+    return first_of(said_together(parameters), SHOWN)
 
 
 def meaning(parameter: Parameter, machine: Machine) -> str:

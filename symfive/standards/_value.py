@@ -17,7 +17,7 @@ from symfive.errors import InputError
 from symfive.instruments import positioning_instrument
 from symfive.machine import Machine
 from symfive.numbers import plain_number, rounded, unit_words
-from symfive.screen import wrapped
+from symfive.screen import first_of, wrapped
 
 COVERAGE = 2.0
 """Coverage factor k of an expanded uncertainty U (ISO 14253-1 and ISO/TR 230-9)."""
@@ -135,9 +135,8 @@ def standards_text(values: Sequence[StandardValue], decisions: Decisions | None 
     lines = ["U: expanded uncertainty (k = 2)"]
     lines += wrapped("all: ", _conditions(shared)) if shared else []
     for (standard, runs, conditions, limits), places in groups.items():
-        some = f"{', '.join(runs[:4])}{f' and {len(runs) - 4} more' if len(runs) > 4 else ''}"
         own = _conditions([one for one in conditions if one not in shared])
-        lines += wrapped("", f"{standard}, {some}{f': {own}' if own else ''}")
+        lines += wrapped("", f"{standard}, {first_of(runs, 4)}{f': {own}' if own else ''}")
         lines += [f"  {values[i].words}{_decided(values[i], (decisions or {}).get(i))}" for i in places]
         lines += [line for limit in limits for line in wrapped("  note: ", limit)]
     return "\n".join(lines)
