@@ -10,7 +10,7 @@ import numpy as np
 from symfive.arrays import Array
 from symfive.campaign import FIRST_LINE, Campaign, Run
 from symfive.errors import InputError
-from symfive.instruments import columns_of, mounted, touches_of
+from symfive.instruments import columns_of, is_probed, mounted, touches_of
 from symfive.nc import Post
 from symfive.numbers import plain_number, unit_words
 from symfive.procedures import Nominal
@@ -141,10 +141,11 @@ def pose_table(campaign: Campaign, run: Run, post: Post) -> dict[str, Any]:
     names = sorted(machine.axis_names, key=lambda name: not machine.axes[name].rotary)
     positions = [f"{name} / {unit_words(machine.axes[name].unit)}" for name in names]
     rows, readings = [], _readings(run)
-    probed = "touch_probe" in run.instrument
+    probed = is_probed(run)
     waits = 0.0 if probed else post.dwell_s
     for row in range(run.rows):
-        numbers = [str(row + 1), str(row + FIRST_LINE), _clock(float(run.time[row]) + waits)]
+        at = float(run.time[row]) + waits
+        numbers = [str(row + 1), str(row + FIRST_LINE), f"{int(at) // 60}:{at % 60:04.1f}"]
         numbers += [f"{run.commands[name][row] + 0.0:.3f}" for name in names]
         rows.append((numbers, _before(run, row, post, readings[row])))
     different = len({same[0] for same in readings})
@@ -159,7 +160,7 @@ def pose_table(campaign: Campaign, run: Run, post: Post) -> dict[str, Any]:
 def _how_read(campaign: Campaign, run: Run, post: Post) -> str:
     """What stands where, and how a pose is read."""
     at = ", ".join(f"{v:.1f}" for v in run.table_ball)
-    if "touch_probe" in run.instrument:
+    if is_probed(run):
         return f"sphere at ({at}) mm, {len(touches_of(run))} touches at each, which the control logs"
     columns = [column.name for column in columns_of(run, campaign.machine)]
     bar = "" if run.length is None else f", bar of {run.length:g} mm"
@@ -177,10 +178,6 @@ def _leaves(run: Run) -> str:
     return f"{moved} leaves the {stands}; {again} again, do not move the {stands}"
 
 
-def _clock(seconds: float) -> str:
-    return f"{int(seconds) // 60}:{seconds % 60:04.1f}"
-
-
 def _readings(run: Run) -> list[list[int]]:
     """For every row the rows of the same pose, itself included."""
     rows = list(zip(*(q.tolist() for q in run.commands.values()), strict=True))
@@ -193,7 +190,7 @@ def _readings(run: Run) -> list[list[int]]:
 def _before(run: Run, row: int, post: Post, same: Sequence[int]) -> str:
     """What the operator has to know before a pose; `same` rows are of this pose."""
     said = []
-    if row in post.unsafe.get(run.id, ()) and "touch_probe" not in run.instrument:
+    if row in post.unsafe.get(run.id, ()) and not is_probed(run):
         bar = run.length is not None
         said.append("remove the bar, mount it again" if bar else _leaves(run))
     if run.spindle is not None and (row == 0 or run.spindle[row] != run.spindle[row - 1]):

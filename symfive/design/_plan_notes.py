@@ -20,7 +20,7 @@ from symfive.design._certificate import Certificate
 from symfive.design._rounding import not_rounded
 from symfive.design._schedule import Schedule
 from symfive.design._space import Space
-from symfive.instruments import mounted
+from symfive.instruments import is_probed, mounted
 from symfive.numbers import plain_number, with_unit
 from symfive.optimal import Rows, Task
 
@@ -75,7 +75,7 @@ def _counts_on(campaign: Campaign, expected: Assessment, given: Campaign | None)
         return []
     first = campaign.runs[0]
     what = "tool ball and bar are remounted" if first.length is not None else "the tool ball is remounted"
-    what = "the probe is calibrated again" if "touch_probe" in first.instrument else what
+    what = "the probe is calibrated again" if is_probed(first) else what
     return [f"the expected 1σ assume that {what} for every run; otherwise 1σ of {worst.words} is {after}, not {before}"]
 
 

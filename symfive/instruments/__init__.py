@@ -29,7 +29,7 @@ from symfive.runs import Column, Run
 
 __all__ = [
     "INSTRUMENTS", "ZERO_SIGMA_UM", "BallInstrument", "Column", "Instrument", "ball_instrument", "check_mounting",
-    "columns_of", "fitted_parts", "has_bar", "has_clock_of_its_own", "has_post", "instruments_of", "mounted",
+    "columns_of", "fitted_parts", "has_bar", "has_clock_of_its_own", "has_post", "instruments_of", "is_probed", "mounted",
     "mounted_instrument", "positioning_instrument", "setup_parameter", "setup_vector", "touches_of", "vector_constants",
 ]  # fmt: skip
 
@@ -82,6 +82,11 @@ def has_post(run: Run) -> bool:
 def has_bar(run: Run) -> bool:
     """Whether a bar joins the two balls in a run."""
     return any(instrument.bar for instrument in instruments_of(run))
+
+
+def is_probed(run: Run) -> bool:
+    """Whether the control probes what stands on the table in a run."""
+    return any(instrument.probes for instrument in instruments_of(run))
 
 
 def positioning_instrument(run: Run) -> str | None:

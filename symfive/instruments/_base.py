@@ -53,6 +53,8 @@ class Instrument:
     """Fields of a run whose components enter its reading as `constants`, as `table_ball`."""
     bar: ClassVar[bool] = False
     """Whether a bar of the run's `length` joins the two balls."""
+    probes: ClassVar[bool] = False
+    """Whether the control touches what stands on the table, by a program of its own that logs the places."""
     positions: ClassVar[bool] = False
     """Whether it compares the positions of the run's `axis` with their targets (ISO 230-2)."""
     numbers: ClassVar[tuple[str, ...]] = ()

@@ -32,6 +32,7 @@ class TouchProbe(BallInstrument):
     stands = "sphere"
     held = "centre of the tip"
     seated = "sphere"
+    probes = True
 
     def check(self, run: Run, machine: Machine) -> None:
         if len(machine.linear_axes) != 3:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from symfive.campaign import Campaign, Run
 from symfive.errors import InputError
+from symfive.instruments import is_probed
 from symfive.machine import Machine
 from symfive.nc._base import Dialect, Step
 from symfive.nc._pace import CAUTION, able, pace
@@ -106,7 +107,7 @@ def _written(
     machine: Machine, run: Run, dialect: Dialect, post: Post, number: int, probing: Probing | None = None
 ) -> str:
     """One run's program."""
-    if "touch_probe" not in run.instrument:
+    if not is_probed(run):
         return _text(machine, run, dialect, program_steps(machine, run, post), post, number)
     steps = probing_steps(machine, run, dialect, post, probing)
     return _text(machine, run, cycle_of(dialect, post).prepared(dialect, post), steps, post, number)
@@ -139,7 +140,7 @@ def write_programs(
             stem = dialect.file(name)
             stem = f"{stem[:-4]}_{number:03d}" if f"{stem}{dialect.suffix}" in files else stem
             files[f"{stem}{dialect.suffix}"] = text
-        if any("touch_probe" in run.instrument for run in campaign.runs):
+        if any(map(is_probed, campaign.runs)):
             files |= cycle_of(dialect, own).beside
         for name, text in files.items():
             write_text(path := Path(folder) / dialect.name / name, text)

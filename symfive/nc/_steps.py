@@ -10,7 +10,7 @@ import numpy as np
 from symfive.arrays import Array
 from symfive.campaign import Run
 from symfive.errors import InputError
-from symfive.instruments import has_bar
+from symfive.instruments import has_bar, is_probed
 from symfive.machine import Machine
 from symfive.nc._arc import circle_of
 from symfive.nc._base import Step
@@ -96,13 +96,13 @@ def series_steps(machine: Machine, runs: Sequence[Run], post: Post | None = None
 def stands(machine: Machine, run: Run, row: int) -> list[Positions]:
     """Positions of all axes from where a row's pose is entered to where it is left: the pose, or a touch probe's way around the
     sphere. Raises `InputError` where that leaves a travel."""
-    if "touch_probe" in run.instrument:
+    if is_probed(run):
         return ProbeWays(machine, run, Post()).stands(row)
     return [pose_of(run, row)]
 
 
 def _writer_of(machine: Machine, run: Run, post: Post) -> Writer:
-    return (ProbeWays if "touch_probe" in run.instrument else Writer)(machine, run, post)
+    return (ProbeWays if is_probed(run) else Writer)(machine, run, post)
 
 
 def arrival_times(machine: Machine, run: Run, post: Post, least_s: float = 0.0) -> Array:
