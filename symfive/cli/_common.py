@@ -106,6 +106,10 @@ flag = functools.partial(click.option, is_flag=True)
 positive = functools.partial(click.option, type=POSITIVE)
 """Options whose value is a text, is or is not there, or is a number above zero."""
 campaign_path = click.argument("campaign", type=PATH, help="A campaign's folder, or its campaign.toml.")
+direction = click.option(
+    "--direction", multiple=True, help="ccw or cw, one per file, where the angles do not follow the motion."
+)
+fitted = flag("--fitted", help="The software removed each circle's mean radius and centre.")
 overwrite = flag("--overwrite", help="Replace results in the folder unless somebody changed them.")
 output_path = click.option("-o", "--output", type=PATH, required=True, help="The folder for the results.")
 dialects = click.option(

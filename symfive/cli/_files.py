@@ -47,12 +47,12 @@ def codegen(model: str, output: Path, target: str, prefix: str, overwrite: bool,
 @cli.positive("--radius", help="Radius of the circle: the bar's length, mm.")
 @cli.positive("--feed", help="Feed along the circle, mm/min.")
 @click.option("--columns", default="angle,deviation", help="The file's columns in order, - for what is not needed.")
-@click.option("--direction", multiple=True, help="ccw or cw, one per file, where the angles do not follow the motion.")
+@cli.direction
 @click.option("--centre", help="The table ball in the workpiece frame, mm; 0,0,0 without it.")
 @click.option("--plane", help="XY, YZ or ZX; XY without it.")
 @click.option("--unit", default="um", help="Unit of the deviation: um or mm.")
 @cli.positive("--noise-um", help="1σ of one reading, from the instrument's data sheet; 0.3 without it.")
-@cli.flag("--fitted", help="The software removed each circle's mean radius and centre.")
+@cli.fitted
 @click.option(
     "--angle-error",
     type=cli.Number(0.0),
@@ -140,6 +140,11 @@ def _not_in_the_file(path: Path, circle: Mapping[str, Any]) -> InputError:
     return InputError(problem, path=path, remedy=f"add {' and '.join(missing.values())} ({turn})")
 
 
+of_runs = click.option(
+    "--run", "names", multiple=True, help="The run of each file, in their order (default: the plan's order)."
+)
+
+
 @cli.app.command(
     name="import-rests",
     epilog="Example: symfive import-rests plan/ nest-1.txt nest-2.txt -o measured/ --columns t,dx_um,dy_um,dz_um",
@@ -147,7 +152,7 @@ def _not_in_the_file(path: Path, circle: Mapping[str, Any]) -> InputError:
 @cli.campaign_path
 @click.argument("files", type=cli.PATH, nargs=-1, required=True, help="Recordings of whole runs, one file per run.")
 @cli.output_path
-@click.option("--run", "names", multiple=True, help="The run of each file, in their order (default: the plan's order).")
+@of_runs
 @click.option("--columns", default="t,dx_um,dy_um,dz_um", help="The file's columns in order, - for what is not needed.")
 @click.option("--unit", help="Unit of the readings: um or mm (default: from the header of the file, else um).")
 @cli.positive("--dwell", default=2.0, help="Rest at each pose in s, as in the program.")
@@ -171,7 +176,7 @@ def import_rests(
 @cli.campaign_path
 @click.argument("files", type=cli.PATH, nargs=-1, required=True, help="Logs of the probing programs, one file per run.")
 @cli.output_path
-@click.option("--run", "names", multiple=True, help="The run of each file, in their order (default: the plan's order).")
+@of_runs
 @cli.overwrite
 @cli.quiet
 def import_touches(

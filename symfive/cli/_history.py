@@ -13,6 +13,7 @@ from symfive.outputs import output_file, output_folder, write_bytes, write_text
 where = click.option(
     "--history", "index", type=cli.PATH, default="history", envvar="SYMFIVE_HISTORY", help="The folder of the index."
 )
+machine_name = click.argument("machine", help="Name, NAME#SERIAL or key of the machine.")
 rate = click.option(
     "--false-alarms", type=cli.Number(1e-6, 100.0), default=0.1, help="Permitted false alarms per machine and year."
 )
@@ -65,7 +66,7 @@ def add(
 @history.command(
     epilog='Example: symfive history event "tilting table BC" "new spindle" --kind repair --date 2026-04-01'
 )
-@click.argument("machine", help="Name, NAME#SERIAL or key of the machine.")
+@machine_name
 @click.argument("text", help="What happened.")
 @where
 @click.option(
@@ -85,7 +86,7 @@ def event(machine: str, text: str, index: Path, kind: str, date: str | None, qui
 
 
 @history.command(epilog='Example: symfive history show "tilting table BC" --since 2026-03-01 --tolerance EX0C=10')
-@click.argument("machine", help="Name, NAME#SERIAL or key of the machine.")
+@machine_name
 @where
 @click.option("--since", help="Also the change since the last visit up to this date.")
 @click.option("--until", help="The change until the last visit up to this date, instead of the newest.")

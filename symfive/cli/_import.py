@@ -40,13 +40,13 @@ if TYPE_CHECKING:
 @cli.positive("--radius", help="Radius of the circle, length of the bar, mm.")
 @cli.positive("--feed", help="Feed along the circle, mm/min.")
 @click.option("--plane", default="XY", help="XY, YZ or ZX.")
-@click.option("--direction", multiple=True, help="ccw or cw, one per file, where the angles do not follow the motion.")
+@cli.direction
 @click.option("--hold", multiple=True, help="AXIS=POSITION of an axis without a column; may be repeated.")
 @cli.positive(
     "--noise-um", default=0.3, help="1σ of one reading in µm or µrad (of a force N or Nm), from the data sheet."
 )
 @cli.flag("--static", help="The axes are at rest at each row of a recording with a time.")
-@cli.flag("--fitted", help="The software removed each circle's mean radius and centre.")
+@cli.fitted
 @click.option("--angle-error", type=cli.Number(0.0), default=0.5, help="Uncertainty of the angle in degrees.")
 @cli.cut
 @cli.overwrite
