@@ -7,9 +7,7 @@ from pathlib import Path
 from textwrap import wrap
 from typing import Any
 
-import numpy as np
-
-from symfive.campaign import FIRST_LINE, Campaign, Run
+from symfive.campaign import FIRST_LINE, Campaign
 from symfive.design._assess import Assessment, assessment_data
 from symfive.design._certificate import Certificate
 from symfive.design._digits import six_digits
@@ -88,10 +86,11 @@ class Plan(Written):
         write_text(folder / "figures" / "worth.svg", svg(worth_figure(plan.assessment.worth)))
 
     def __str__(self) -> str:
+        poses = [len({*zip(*run.commands.values(), strict=True)}) for run in self.campaign.runs]
         runs = [
-            f"  {run.id}: {run.rows} readings in {_different(run)} poses, ball at {tuple(round(v) for v in run.table_ball)} mm, "
+            f"  {run.id}: {run.rows} readings in {count} poses, ball at {tuple(round(v) for v in run.table_ball)} mm, "
             f"tool {-run.tool_ball[2]:g} mm"
-            for run in self.campaign.runs
+            for run, count in zip(self.campaign.runs, poses, strict=True)
         ]
         size = f"{self.certificate.points} poses, {self.minutes:.0f} min"
         head = f"{instrument_words(self.instrument)} plan, {size}: {self.certificate.says}"
@@ -138,11 +137,6 @@ class Plan(Written):
             },
             "notes": list(self.notes),
         }
-
-
-def _different(run: Run) -> int:
-    """How many of a run's poses are different."""
-    return len(np.unique(np.stack(list(run.commands.values()), axis=1), axis=0))
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from symfive.design._assess import Assessment
 from symfive.design._mounting import STILL, digits, from_axes, mounted_before, over_the_ball, path_facts, pose_table
 from symfive.design._schedule import SETUP_S
 from symfive.drawing import PAGE_STYLE, SCRIPT, poses_figure, templates
-from symfive.instruments import columns_of, has_bar, instruments_of, mounted, mounted_instrument
+from symfive.instruments import columns_of, has_bar, instruments_of, is_probed, mounted, mounted_instrument
 from symfive.machine import Machine
 from symfive.nc import (
     UNCHECKED,
@@ -115,17 +115,20 @@ def _steps(sheet: Sheet, nominal: Nominal, run: Run, stands: str) -> list[str]:
         steps += [f"{said}." for said in turned_against(sheet.post)]
     _, held = mounted(run)
     if again is not None:
-        tool = "calibrate the probe again" if "touch_probe" in run.instrument else f"remount the {held}"
+        tool = "calibrate the probe again" if is_probed(run) else f"remount the {held}"
         anew = f"remount the {stands}, {tool} (new set-up errors)"
         still = f"leave {stands} and {held} in place" if stands else "leave everything in place"
         steps.append(f"The same mounting as for run {again.id}: {still if stays else anew}.")
     if stands and not stays:
         steps += _place(run, stands)
         steps.append(f"{held[0].upper()}{held[1:]} at {-run.tool_ball[2]:.0f} mm below the spindle nose.")
-    if stands and again is None and (before := _same_tool(sheet.campaign, run)) is not None:
-        anew = "Calibrate it again" if "touch_probe" in run.instrument else "Remount it in the spindle"
+    same = [
+        ids[0] for ids in sheet.campaign.alike("tool_ball") if run.id in ids[1:]
+    ]  # an error of its own for each run
+    if stands and again is None and same:
+        anew = "Calibrate it again" if is_probed(run) else "Remount it in the spindle"
         steps.append(
-            f"{anew}: the expected uncertainties assume that its set-up error is new. If it stays as in run {before}, write "
+            f"{anew}: the expected uncertainties assume that its set-up error is new. If it stays as in run {same[0]}, write "
             'mounting = { tool_ball = "1" } into both runs in campaign.toml.'
         )
     if run.length is not None and not stays:
@@ -151,11 +154,6 @@ def _steps(sheet: Sheet, nominal: Nominal, run: Run, stands: str) -> list[str]:
     return steps + _moves(machine, sheet.post)
 
 
-def _same_tool(campaign: Campaign, run: Run) -> str | None:
-    """The first earlier run with the same tool ball; the campaign gives each run an error of its own."""
-    return next((ids[0] for ids in campaign.alike("tool_ball") if run.id in ids[1:]), None)
-
-
 def _place(run: Run, stands: str) -> list[str]:
     """Position of the ball or nest on the table, and how well it must be known."""
     x, y, z = (f"{v:.1f}".removesuffix(".0") for v in run.table_ball)
@@ -165,7 +163,7 @@ def _place(run: Run, stands: str) -> list[str]:
         return [f"{there}, within 1 mm: the readings determine its exact position."]
     found = (
         f"{there}, within 1 mm. Probe its centre with the rotary axes as below, and compare with what the control shows there."
-        if "touch_probe" in run.instrument  # no tip gets into a sphere
+        if is_probed(run)  # no tip gets into a sphere
         else f"{there}: drive the {held} there and lock the {stands} under it."
     )
     return [

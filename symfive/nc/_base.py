@@ -63,10 +63,6 @@ class Block:
     feed: str
 
 
-def _block_a_turn(arc: Block) -> Sequence[str]:
-    return [f"{arc.code} {arc.words} {arc.offset} F{arc.feed}"] * arc.turns
-
-
 @dataclass(frozen=True, kw_only=True)
 class Dialect:
     """A control's dialect. Templates take `{words}`, `{feed}`, `{text}`, `{name}` and the program's
@@ -110,7 +106,7 @@ class Dialect:
     rotary: Sequence[str] = ()
     after_first_stop: Sequence[str] = ()
     contour: Sequence[str] = ("{plane} G64",)
-    arc: Callable[[Block], Sequence[str]] = _block_a_turn
+    arc: Callable[[Block], Sequence[str]] = lambda arc: [f"{arc.code} {arc.words} {arc.offset} F{arc.feed}"] * arc.turns
     tool_centre: tuple[str, str] | None = None
     tool_centre_example: str = ""
     frame_of_start: bool = False
@@ -155,10 +151,6 @@ class Dialect:
         return replace(post, tool_centre_on=on, tool_centre_off=off, frame_of_start=self.frame_of_start)
 
 
-def _as_it_is(dialect: Dialect, post: Post) -> Dialect:
-    return dialect
-
-
 @dataclass(frozen=True, kw_only=True)
 class Cycle:
     """How a control probes, in the words of its dialect.
@@ -181,7 +173,7 @@ class Cycle:
     closing: Sequence[str] = ()
     says: str
     log: str = ""
-    prepared: Callable[[Dialect, Post], Dialect] = _as_it_is
+    prepared: Callable[[Dialect, Post], Dialect] = lambda dialect, post: dialect
     cautions: Sequence[str] = ()
     beside: Mapping[str, str] = field(default_factory=dict)
     centred: bool = False

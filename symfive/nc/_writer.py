@@ -57,7 +57,8 @@ class Writer:
         self.machine, self.run, self.post = machine, run, post
         self.nominal = Nominal(machine)
         self.names = machine.axis_names
-        self.signs = {n: -1.0 if n in post.reversed_axes else 1.0 for n in sorted(self.names, key=_by_letter)}
+        letters = sorted(self.names, key=lambda n: (LETTERS.find(n) % (len(LETTERS) + 1), n))
+        self.signs = {n: -1.0 if n in post.reversed_axes else 1.0 for n in letters}
         self.rotary = list(machine.rotary_axes)
         self.upright = upright_axis(machine)
         self.plane = [name for name in self.names if name not in (*self.rotary, self.upright)]
@@ -368,7 +369,3 @@ class Writer:
         """Origin and rotation of the workpiece frame as the table's rotary axes stand, in that with all axes at 0."""
         rotary = {n: np.array([there[n] if n in self.rotary else 0.0]) for n in self.names}
         return self.nominal.workpiece_origin(rotary)[0], self.nominal.workpiece_rotation(rotary)[0]
-
-
-def _by_letter(name: str) -> tuple[int, str]:
-    return LETTERS.find(name) % (len(LETTERS) + 1), name

@@ -142,11 +142,13 @@ def identification_report(
     title = f"Identification of {machine.name}"
     setup = not_separated(c for c in identification.confounded if not c.of_machine)
     parameters = identification.parameters
+    against = f"χ²/dof {plain_number(identification.chi2_dof_whitened)} against the estimated noise"
+    quality = f"{against}; {plural(round(identification.dof), 'degree')} of freedom"
     body = fragment(
         "identification", title=title, facts=_facts(identification),
         state=identification.fits if identification.converged else "no",
         headline=HEADLINES[identification.fits] if identification.converged else "The fit did not converge.",
-        verdict=verdict(identification), quality=_quality(identification),
+        verdict=verdict(identification), quality=quality,
         notes=(*identification.notes, *identification.model.campaign.notes),
         confounded=sentences(identification.inseparable), confounded_setup=sentences(setup, 200), setup_count=len(setup),
         parameters=parameter_table(identification) if any(not p.of_setup for p in parameters) else "",
@@ -173,9 +175,3 @@ def _facts(identification: Identification) -> list[str]:
         f"method {identification.method}",
         *([f"effects in the model: {effects}"] if effects else []),
     ]
-
-
-def _quality(identification: Identification) -> str:
-    """What the verdict does not say of the fit."""
-    against = f"χ²/dof {plain_number(identification.chi2_dof_whitened)} against the estimated noise"
-    return f"{against}; {plural(round(identification.dof), 'degree')} of freedom"
