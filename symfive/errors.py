@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-__all__ = ["EvaluationError", "InputError", "inside"]
+__all__ = ["EvaluationError", "InputError", "among", "inside"]
 
 MOST = 800
 """Characters of a sentence."""
@@ -73,6 +73,12 @@ class EvaluationError(InputError):
     Only `symfive.model` raises it, before a library sees such numbers. To a solver it is a step that went too far
     (`symfive.inference.halved`); only where a user's own values are such does it reach him.
     """
+
+
+def among(value: object, choices: Collection[str], problem: str, *, path: Path | str | None = None) -> None:
+    """Raise `InputError` of the `problem` unless `value` is one of the `choices`, which its remedy lists."""
+    if value not in choices:
+        raise InputError(problem, path=path, remedy=f"use one of {', '.join(choices) or 'none'}")
 
 
 @contextmanager

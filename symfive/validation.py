@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from types import MappingProxyType
 from typing import Any, TypeGuard
 
@@ -60,12 +60,6 @@ def one_of(owner: str, name: str, value: object, allowed: tuple[str, ...]) -> No
     if not isinstance(value, str) or value not in allowed:
         problem = f"{owner}: {name} {shown(value)} is unknown"
         raise InputError(problem, remedy=f"use one of {', '.join(allowed)}", keys=(name,))
-
-
-def among(value: object, choices: Collection[str], problem: str, /, **place: Any) -> None:
-    """Raise `InputError` of the `problem`, and where it is, unless `value` is one of the `choices`, which its remedy lists."""
-    if value not in choices:
-        raise InputError(problem, remedy=f"use one of {', '.join(choices) or 'none'}", **place)
 
 
 def only(owner: str, table: Mapping[str, object], keys: tuple[str, ...]) -> None:

@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from symfive.cli import _common as cli
-from symfive.errors import InputError, inside
+from symfive.errors import InputError, among, inside
 from symfive.outputs import output_file, output_folder
-from symfive.validation import among
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from symfive.cli import _common as cli
-from symfive.errors import InputError, inside
+from symfive.errors import InputError, among, inside
 from symfive.outputs import output_folder
 
 if TYPE_CHECKING:
@@ -65,7 +65,6 @@ def import_table(
     from symfive.importers import Setting, meanings, prepared, read_table, runs_of, shown_meanings, taken
     from symfive.importers.polar import DIRECTIONS
     from symfive.procedures import PLANES, campaign_of
-    from symfive.validation import among
 
     among(plane, PLANES, f'plane "{plane}" is unknown')
     if direction and (len(direction) != len(files) or not set(direction) <= set(DIRECTIONS)):

@@ -10,8 +10,7 @@ import click
 from click.core import ParameterSource
 
 from symfive.cli import _common as cli
-from symfive.errors import InputError
-from symfive.validation import among
+from symfive.errors import InputError, among
 
 if TYPE_CHECKING:
     from symfive.campaign import SetupSigma

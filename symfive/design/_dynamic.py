@@ -39,7 +39,7 @@ from symfive.design._refine_circles import CircleObjective, refined_shapes
 from symfive.design._request import check_robust
 from symfive.design._write import SCHEMA, Written, write_recordings
 from symfive.effects import Effect
-from symfive.errors import InputError
+from symfive.errors import InputError, among
 from symfive.given import machine_given
 from symfive.machine import Machine
 from symfive.model import Model
@@ -49,7 +49,6 @@ from symfive.parameters import Parameter
 from symfive.procedures import PLANES, campaign_of, circle_frame, heights, senses
 from symfive.screen import listed, plural
 from symfive.threads import one_thread
-from symfive.validation import among
 
 RATIOS = (0.0, 0.3, 0.5, 0.7, 0.8, 0.85, 0.9, 1.1, 1.15, 1.2, 1.3, 1.5, 1.8)
 FREE = {"synchronous": ("ratio", "feed"), "planar": ("feed", "x", "y", "z")}

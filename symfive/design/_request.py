@@ -19,10 +19,10 @@ from symfive.design._assess import machine_information, workspace_places
 from symfive.design._candidates import candidates_in, pose_grid, setup_options, value_of
 from symfive.design._schedule import affordable
 from symfive.design._space import Space, make_space
-from symfive.errors import InputError
+from symfive.errors import InputError, among
 from symfive.machine import Machine
 from symfive.optimal import Criterion, Rows, Task, criterion_of
-from symfive.validation import among, at_most, positive
+from symfive.validation import at_most, positive
 
 SEEN = 0.5
 """A parameter is seen by a plan where the posterior variance is below this share of its prior's."""

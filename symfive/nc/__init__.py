@@ -7,7 +7,7 @@ from itertools import count
 from pathlib import Path
 
 from symfive.campaign import Campaign, Run
-from symfive.errors import InputError
+from symfive.errors import InputError, among
 from symfive.instruments import is_probed
 from symfive.machine import Machine
 from symfive.nc._base import Dialect, Step
@@ -45,7 +45,6 @@ from symfive.nc.iso import ISO
 from symfive.nc.linuxcnc import LINUXCNC
 from symfive.nc.siemens import SIEMENS
 from symfive.outputs import write_text
-from symfive.validation import among
 
 __all__ = [
     "CAUTION", "DIALECTS", "UNCHECKED", "Dialect", "Positions", "Post", "Probing", "Seat", "Step", "Way", "able", "addressed",

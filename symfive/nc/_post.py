@@ -6,12 +6,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from symfive.campaign import Run
-from symfive.errors import InputError
+from symfive.errors import InputError, among
 from symfive.instruments import instruments_of, mounted
 from symfive.machine import Machine
 from symfive.nc._arc import circle_of
 from symfive.nc._route import Way
-from symfive.validation import among, at_most, positive
+from symfive.validation import at_most, positive
 
 RETRACT_MM = 50.0
 DWELL_S = 2.0

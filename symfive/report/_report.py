@@ -11,7 +11,7 @@ from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from symfive.drawing import poses_figure
-from symfive.errors import InputError
+from symfive.errors import InputError, among
 from symfive.identify import Identification
 from symfive.inference import not_separated
 from symfive.numbers import plain_number
@@ -34,7 +34,6 @@ from symfive.report._tables import (
 )
 from symfive.report._words import verdict
 from symfive.screen import plural
-from symfive.validation import among
 
 FORMATS = ("png", "svg", "pdf")
 NAME = "identification.html"
