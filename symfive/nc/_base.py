@@ -66,7 +66,7 @@ class Block:
 @dataclass(frozen=True, kw_only=True)
 class Dialect:
     """A control's dialect. Templates take `{words}`, `{feed}`, `{text}`, `{name}` and the program's
-    `{number}`, `dwell` `{seconds}` or `{milliseconds}`.
+    `{number}`, `dwell` `{seconds}` or `{milliseconds}`; `rapid` and `feed` are those of ISO 6983 where they are not given.
 
     After the `head`, `rotary` (where the machine has rotary axes: kinematics off) and `start` set every modal state that the
     program relies on: units, plane, absolute words, datum, no tool offset; what may move the tool waits for the operator
@@ -95,14 +95,14 @@ class Dialect:
     head: Sequence[str]
     start: Sequence[str]
     end: Sequence[str]
-    rapid: str
-    feed: str
     dwell: str
     stop: Sequence[str]
     retract: Sequence[str]
     orient: Sequence[str]
     comment: str
     datum: str
+    rapid: str = "G0 {words}"
+    feed: str = "G1 {words} F{feed}"
     rotary: Sequence[str] = ()
     after_first_stop: Sequence[str] = ()
     contour: Sequence[str] = ("{plane} G64",)

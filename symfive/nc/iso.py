@@ -58,8 +58,6 @@ ISO = Dialect(
     head=("%", "O{number} ({name})"),
     start=("G21 G17 G90 G94 G40 G49 G80", "G69", "M5", "G54"),
     end=("M30", "%"),
-    rapid="G0 {words}",
-    feed="G1 {words} F{feed}",
     dwell="G4 X{seconds}",
     stop=("#3006=1({text})",),
     retract=("G49", "G91 G28 {axis}0.", "G90"),
