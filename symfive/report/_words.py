@@ -152,13 +152,8 @@ def _knowledge(identification: Identification) -> str:
     known = len(shared) - len(unknown)
     return (
         f"Of {len(shared)} parameters of the machine and its effects {known} {'is' if known == 1 else 'are'} determined better "
-        f"than by the prior, not {listed_words(unknown)}."
+        f"than by the prior, not {first_of(said_together(unknown), SHOWN)}."
     )
-
-
-def listed_words(parameters: list[Parameter]) -> str:
-    """The first of some parameters in words, and how many more there are."""
-    return first_of(said_together(parameters), SHOWN)
 
 
 def meaning(parameter: Parameter, machine: Machine) -> str:
