@@ -1,10 +1,12 @@
 """Machines with few errors, for which a plan is found in a fraction of the time, or without drives."""
 
 from dataclasses import replace
+from functools import cache
 
 from symfive.machine import Machine, preset
 
 
+@cache
 def location_only(name: str) -> Machine:
     """A preset with its location errors alone, without error motions."""
     machine = preset(name)

@@ -151,7 +151,7 @@ def _searched(request: Request, space: Space, task: Task) -> Plan:
     request.progress(f"{len(names)} parameters, {points} poses, at most {runs} set-ups")
     search = PlanSearch(request, space, task)
     rows, values = search.best(request.shares)
-    drawn = drawn_spaces(request.machine, space, REPORTED_DRAWS if request.robust == "nominal" else DRAWS)
+    drawn = drawn_spaces(space, REPORTED_DRAWS if request.robust == "nominal" else DRAWS)
     if request.per_minute:
         rows, values = search.most_per_minute(rows, values)
     if request.robust != "nominal":

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
 from symfive.arrays import Array, Indices
 from symfive.design._candidates import rows_of, value_of
 from symfive.design._space import Space, make_space
-from symfive.machine import Machine
 from symfive.optimal import Candidates, Rows, Task, inverse
 
 SHORTLIST, WEAKEST, PASSES = 12, 3, 2
@@ -67,10 +67,10 @@ def _swapped(current: Candidates, candidates: Candidates, entering: int, leaving
     return Candidates(*parts)
 
 
-def drawn_spaces(machine: Machine, space: Space, draws: int) -> list[Space]:
+@lru_cache(maxsize=8)
+def drawn_spaces(space: Space, draws: int) -> list[Space]:
     """The same space on machines whose location errors are drawn from their priors instead of standing at their means."""
-    generator = np.random.default_rng(0)
-    found = []
+    machine, generator, found = space.machine, np.random.default_rng(0), []
     for _ in range(draws):
         errors = {
             name: replace(term, mean=term.mean + term.sigma * float(generator.standard_normal()))

@@ -14,6 +14,8 @@ constant `k` (mm) of its set-up, chosen from the list the user owns.
 from __future__ import annotations
 
 import math
+import threading
+from collections import OrderedDict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -43,9 +45,9 @@ MOST_ELEVATION = 90.0
 SIGMAS_IN_RANGE = 3.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Space:
-    """One instrument on one machine: variables, bounds, kernel.
+    """One instrument on one machine: variables, bounds, kernel. It is equal to itself alone.
 
     `names` of the variables, `lower` and `upper` (nz,), `poses` how many belong to the pose; `shared` the machine's
     parameters, `own` the set-up errors of a run and `own_sigma` their prior 1σ in units of the noise (finite, as declared, even
@@ -131,11 +133,32 @@ def _written(value: float) -> float:
     return round(float(value), DIGITS) + 0.0
 
 
+_KEPT: OrderedDict[tuple[object, ...], Space] = OrderedDict()
+"""Spaces that were asked for, the latest last; each holds its machine, of which the key holds the identity only."""
+MOST_KEPT = 32
+_LOCK = threading.Lock()
+
+
 def make_space(
     machine: Machine, instrument: str, *, noise_um: float = 0.3, setup_sigma: SetupSigma | None = None,
     options: Mapping[str, Any] | None = None,
 ) -> Space:  # fmt: skip
-    """The space of `r_test`, `touch_probe` or `ball_bar` on a machine. Raises `InputError` if nothing is left to choose."""
+    """The space of `r_test`, `touch_probe` or `ball_bar` on a machine, made once: its symbols are differentiated and its functions
+    compiled when first needed. Raises `InputError` if nothing is left to choose."""
+    sigma, chosen = setup_sigma or SetupSigma(), dict(options or {})
+    key = (id(machine), instrument, noise_um, repr(sigma), repr(sorted(chosen.items())))
+    with _LOCK:
+        if key not in _KEPT:
+            _KEPT[key] = _made(machine, instrument, noise_um, sigma, chosen)
+            if len(_KEPT) > MOST_KEPT:
+                _KEPT.popitem(last=False)
+        _KEPT.move_to_end(key)
+        return _KEPT[key]
+
+
+def _made(
+    machine: Machine, instrument: str, noise_um: float, sigma: SetupSigma, options: Mapping[str, Any]
+) -> Space:  # fmt: skip
     if instrument not in ("r_test", "touch_probe", "ball_bar"):
         raise InputError(f"plans with {instrument} are not designed", remedy="use r_test, touch_probe or ball_bar")
     rotary = machine.rotary_axes
@@ -145,12 +168,11 @@ def make_space(
     lengths = tuple(machine.workspace.bar_lengths)
     if instrument == "ball_bar" and not lengths:
         raise InputError("the workspace lists no bar", remedy="add bar_lengths = [100.0, 150.0] to [workspace]")
-    sigma = setup_sigma or SetupSigma()
     names = (*rotary, *(("bar azimuth", "bar elevation") if instrument == "ball_bar" else ()), *SETUP_VARIABLES)
     lower, upper = _bounds(machine, rotary, instrument)
     z, k = ca.SX.sym("z", len(names)), ca.SX.sym("k", 1)
     geometry = pose_geometry(machine, rotary, instrument, z, k)
-    rows, shared, own, own_sigma = _rows(machine, instrument, geometry, noise_um, sigma, options or {})
+    rows, shared, own, own_sigma = _rows(machine, instrument, geometry, noise_um, sigma, options)
     limits, limit_names = limits_of(machine, instrument, geometry, UNIT_MM * upper[-2:])
     centre, *_ = _rows(machine, "r_test", geometry, 1.0, sigma, {})
     scale = [1.0 / machine.axes[name].to_internal for name in machine.axis_names]
@@ -159,7 +181,7 @@ def make_space(
         machine, instrument, names, lower, upper, len(names) - len(SETUP_VARIABLES),
         lengths if instrument == "ball_bar" else (0.0,), shared, own, own_sigma, noise_um, sigma,
         Kernel(z, k, rows, limits), Mapped(ca.Function("centre", [z, k], [ca.densify(centre[:, : len(shared)])])),
-        Mapped(ca.Function("axes", [z, k], [ca.densify(commands)])), limit_names, dict(options or {}),
+        Mapped(ca.Function("axes", [z, k], [ca.densify(commands)])), limit_names, options,
     )  # fmt: skip
 
 
