@@ -181,10 +181,13 @@ def generate(
         sharp = max(gap, SHARP * (value - reached)) if certain else gap
         stalled = len(history) > PATIENCE and bound - history[-1 - PATIENCE] < 0.2 * gap
         done = relaxed.value - bound < sharp or stalled
-        if rounds == most or (done and (starts == MANY or not certain)):
+        if done and certain and starts == FEW:  # what few starts have missed would be in the bound
+            starts, history = MANY, []
+            top, fresh = search.largest(relaxed, support, starts)
+            bound = _bound(task, relaxed, rows.groups, points, top)
+            done = relaxed.value - bound < sharp
+        if rounds == most or done:
             break
-        if done:  # what few starts have missed would be in the bound
-            bound, starts, history = -math.inf, MANY, []
         columns = columns.take(kept).joined(fresh)
         weights = np.concatenate([relaxed.weights[kept], np.full(len(fresh), 0.02 * points / len(fresh))])
     return Generated(search, columns, relaxed, reached, bound, top, fresh)
