@@ -26,6 +26,8 @@ MOST_BARS = 400
 
 COLOURS = "viridis"
 STICK_MM = 60.0
+ROOM = {"left": 0.065, "right": 0.985, "bottom": 0.205, "top": 0.93, "wspace": 0.26}
+"""Of the panels for their labels, the same for all machines: a layout that is sought takes longer than the picture."""
 LOOK = {"svg.hashsalt": "symfive", "svg.fonttype": "none", "text.parse_math": False}
 
 
@@ -42,8 +44,8 @@ def pose_figure(machine: Machine, run: Run) -> Figure:
     workpiece, tool = nominal.workpiece_rotation(run.commands), nominal.tool_rotation(run.commands)
     axes_of_tool = np.einsum("nji,nj->ni", workpiece, tool[:, :, 2])
     turning = [name for name in machine.axis_names if machine.axes[name].rotary and np.ptp(run.commands[name]) > STILL]
-    figure = Figure(figsize=(11.0, 4.1), layout="constrained")
-    panels = figure.subplots(1, 3 if turning else 2)
+    figure = Figure(figsize=(11.0, 4.1))
+    panels = figure.subplots(1, 3 if turning else 2, gridspec_kw=ROOM)
     colours = matplotlib.colormaps[COLOURS](np.linspace(0.0, 0.92, run.rows))
     for panel, (i, j) in zip(panels[:2], ((0, 1), (0, 2)), strict=True):
         _table(panel, machine, j == 1)
@@ -77,7 +79,7 @@ def _key(figure: Figure, run: Run) -> None:
         *([Line2D([], [], color="0.3", linewidth=1.8, label="bar")] if bar else []),
         Line2D([], [], color="0.6", linewidth=3.0, label="table, post"),
     ]
-    figure.legend(handles=lines, loc="outside lower center", ncols=len(lines), fontsize=8, frameon=False)
+    figure.legend(handles=lines, loc="lower center", ncols=len(lines), fontsize=8, frameon=False)
 
 
 def _table(panel: Any, machine: Machine, above: bool) -> None:
