@@ -69,10 +69,11 @@ class LimitedRank:
         sizes = np.einsum("yni->n", tail**2)
         last = float(self.gains[-1])
         bent = np.outer(sizes, sizes) * (last**2 / self.behind)
-        for one, tail_one, aside_one in zip(seen * self.gains, last * tail, aside @ inverted, strict=True):
-            for other, tail_other, aside_other in zip(seen, tail, aside, strict=True):
-                form = one @ other.T
-                bent += form * (form + 2.0 * aside_one @ aside_other.T) - (tail_one @ tail_other.T) ** 2
+        for i, (one, tail_one, aside_one) in enumerate(zip(seen * self.gains, last * tail, aside @ inverted, strict=True)):
+            for j in range(i + 1):
+                form = one @ seen[j].T
+                pair = form * (form + 2.0 * aside_one @ aside[j].T) - (tail_one @ tail[j].T) ** 2
+                bent += pair if i == j else pair + pair.T
         return -slope / len(self.gains), bent / len(self.gains)
 
 
