@@ -75,6 +75,7 @@ def test_a_rotary_axis_does_not_grow() -> None:
         Model(plan, [make_effect("axis_turn", "X")])
 
 
+@pytest.mark.slow
 def test_the_drift_of_an_angle_is_named_beside_the_play() -> None:
     """Three runs against an indexer while the table warms up: with no name for it they were play of 36.2 ± 2.0 µrad that
     grows along the axis, above 99.9 %."""

@@ -100,7 +100,7 @@ def test_the_search_stays_where_poses_tell_far_more_beyond_the_limits() -> None:
     """Up to six times as much: an ascent that left the travel of Y missed maxima by 6 %, which the proof found one by one."""
     space = make_space(preset("three-axis"), "ball_bar")
     task = task_of(space, "D", [p.name for p in space.shared], None)
-    rows, _ = optimise(space, task, 48, 3, starts=1)
+    rows, _ = optimise(space, task, 24, 2, starts=1)
     found = generate(space, task, rows, value=value_of(space, task, rows))
     seen = found.search.largest(found.relaxed, found.support, 125)[0]
     for g, (setup, length) in enumerate(zip(*rows.setups, strict=True)):

@@ -214,7 +214,7 @@ def test_what_is_expected_of_left_out_runs_is_what_they_leave_under_slow_noise_t
         circle = {"centre": (0.0, 0.0, 80.0), "radius": 100.0, "feed": 1000.0, "plane": plane}
         runs.append(polar_run(machine, angles, np.zeros(300), id=plane, noise_um=0.3, **circle))
     left, expected = 0.0, 0.0
-    for seed in range(6):
+    for seed in range(4):
         drawn = simulate(Campaign(machine=machine, runs=tuple(runs)), seed=seed).campaign
         slow = np.random.default_rng(seed).standard_normal((3, 300))
         for k in range(1, 300):

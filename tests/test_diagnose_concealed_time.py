@@ -252,6 +252,7 @@ def test_vibrations_that_beat_where_one_shock_was_are_not_named(tmp_path: Path) 
     assert {effect.coordinate.split(", ")[0] for effect in finding.effects} == {"t"}  # one of them changes over X
 
 
+@pytest.mark.slow
 def test_a_hum_of_the_bar_is_not_taken_for_a_vibration_of_the_machine():
     """The bar turns, its hum does not: as a whirl of the structure it had a frequency off by one per revolution (64σ)."""
     machine = location_only("three-axis")

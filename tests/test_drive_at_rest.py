@@ -152,6 +152,7 @@ def test_friction_that_stays_as_the_axis_came_to_rest_has_a_side() -> None:
     assert fit.rms_kept["N"] < 2.0 * NOISE and plain.rms_kept["N"] > 10.0 * NOISE
 
 
+@pytest.mark.slow
 def test_friction_at_rest_and_in_motion_act_together() -> None:
     """Readings whose baseline has no friction need both."""
     made = recorded()

@@ -102,6 +102,7 @@ def test_a_laser_that_is_pushed_within_a_cycle_is_a_shift_of_the_set_up() -> Non
     assert abs(width.value) == pytest.approx(2.0, abs=3.0 * width.std)
 
 
+@pytest.mark.slow
 def test_a_bow_is_no_periodic_error() -> None:
     """What is seen once does not come back: a bend and a hump along X were a period of the whole travel with 96 %."""
     rng, way = np.random.default_rng(3), np.concatenate([TARGETS, TARGETS[::-1]])

@@ -9,7 +9,7 @@ import pytest
 from lean import location_only
 
 from symfive.cli import main
-from symfive.design import circular_test, plan
+from symfive.design import Plan, circular_test, plan
 from symfive.errors import InputError
 from symfive.machine import preset
 from symfive.nc import DIALECTS, Post, program, series_of
@@ -25,6 +25,11 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     made = circular_test("three-axis", planes=("XY", "ZX"), feeds=(500.0, 2000.0), radius=100.0, rate_hz=10.0)
     made.write(place, nc=tuple(DIALECTS))
     return place
+
+
+@pytest.fixture(scope="module")
+def of_poses() -> Plan:
+    return plan(location_only("table-bc"), points=4, starts=1, anywhere=False, prove=False)
 
 
 @pytest.mark.slow
@@ -76,15 +81,14 @@ def test_circles_of_another_mounting_are_no_series() -> None:
     assert not series_of(machine, [runs[0], others[1]])
 
 
-def test_tool_centre_control_comes_in_the_dialects_own_words(tmp_path: Path) -> None:
-    made = plan(location_only("table-bc"), points=4, starts=1, anywhere=False, prove=False)
-    made.write(tmp_path / "plan", nc=("iso", "siemens"), post=Post(tool_centre=True, tool_number=7))
+def test_tool_centre_control_comes_in_the_dialects_own_words(of_poses: Plan, tmp_path: Path) -> None:
+    of_poses.write(tmp_path / "plan", nc=("iso", "siemens"), post=Post(tool_centre=True, tool_number=7))
     iso = next((tmp_path / "plan/nc/iso").iterdir()).read_text()
     siemens = next((tmp_path / "plan/nc/siemens").iterdir()).read_text()
     assert "In the program: while tool-centre control is on, X Y Z are positions of the tool ball" in (
         tmp_path / "plan/setup.html"
     ).read_text(encoding="utf-8")
-    made.write(tmp_path / "turned", nc=(), post=Post(reversed_axes=("C",)))
+    of_poses.write(tmp_path / "turned", nc=(), post=Post(reversed_axes=("C",)))
     assert "The control turns C against ISO 841: program" in (tmp_path / "turned/setup.html").read_text(
         encoding="utf-8"
     )
@@ -93,7 +97,7 @@ def test_tool_centre_control_comes_in_the_dialects_own_words(tmp_path: Path) -> 
     assert not check(tmp_path / "plan")
 
 
-def test_a_new_dialect_is_read_by_its_entry(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_new_dialect_is_read_by_its_entry(of_poses: Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As a how-to's reader adds one, with words of its own for the datum, machine coordinates and tool-centre control."""
     start = ("G21 G17 G90 G94 G40 G80", "M5", "G15 H1", "G53")
     own = replace(
@@ -108,9 +112,8 @@ def test_a_new_dialect_is_read_by_its_entry(tmp_path: Path, monkeypatch: pytest.
     )  # fmt: skip
     monkeypatch.setitem(DIALECTS, "new", own)
     monkeypatch.setitem(WORDS, "new", read)
-    made = plan(location_only("table-bc"), points=4, starts=1, anywhere=False, prove=False)
     for name, post in (("axes", Post()), ("centred", Post(tool_centre=True))):
-        made.write(tmp_path / name, nc=("new", "siemens"), post=post)
+        of_poses.write(tmp_path / name, nc=("new", "siemens"), post=post)
         assert not check(tmp_path / name)
     monkeypatch.setitem(WORDS, "new", replace(read, frame_of_start=True))
     assert check(tmp_path / "centred")

@@ -1,5 +1,6 @@
 """The independent checker of plans: it passes a plan that is in order, finds every planted fault, and passes symfive's plans."""
 
+import filecmp
 import re
 import shutil
 import subprocess
@@ -132,6 +133,9 @@ def test_a_planted_fault_is_found(good: Path, tmp_path: Path, fault: str) -> Non
     folder = tmp_path / "plan"
     shutil.copytree(good, folder)
     spoil(folder)
+    for programs in (folder / "nc").iterdir():  # beside the spoilt ones those of one dialect
+        if programs.name != "iso" and not filecmp.dircmp(good / "nc" / programs.name, programs).diff_files:
+            shutil.rmtree(programs)
     found = check(folder)
     assert kind in {finding.check for finding in found}, "\n".join(map(str, found))
     assert all(re.search(r"\w", finding.says) and finding.file.is_relative_to(folder) for finding in found)

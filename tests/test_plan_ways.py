@@ -138,6 +138,7 @@ def test_a_machine_whose_top_is_under_its_table_is_refused_at_once(instrument: s
         plan(under, instrument=instrument, points=6, setups=1, starts=1)
 
 
+@pytest.mark.slow
 def test_a_plan_on_a_machine_with_a_short_z_is_as_good_as_its_certificate() -> None:
     """Nothing that is chosen has to be exchanged for a pose with a way out, at whatever cost."""
     short = _with_travel(location_only("head-bc"), "Z", -200.0, 220.0)

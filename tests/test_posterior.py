@@ -211,12 +211,16 @@ def test_sweep_is_the_direct_evidence_in_the_best_width(
             assert odds[width] == pytest.approx(max(odds.values()), abs=1e-2)
 
 
-def test_an_alias_is_what_reads_the_same_however_large_it_would_have_to_be(moments: Moments) -> None:
-    """That large sizes are rare decides between the names; it does not separate their readings."""
+@pytest.fixture(scope="module")
+def beside_play(moments: Moments) -> Moments:
+    """About a fit that holds the play of X."""
     play = next(k for k, term in enumerate(moments.terms) if term.effect.key == "backlash.X")
-    here = refitted(moments, ((play, 1.0),))
-    held = moments_about(here, candidates(moments.fit.model.campaign))
-    terms = held.terms
+    return moments_about(refitted(moments, ((play, 1.0),)), candidates(moments.fit.model.campaign))
+
+
+def test_an_alias_is_what_reads_the_same_however_large_it_would_have_to_be(beside_play: Moments) -> None:
+    """That large sizes are rare decides between the names; it does not separate their readings."""
+    held, terms = beside_play, beside_play.terms
     other = next(k for k, term in enumerate(terms) if term.effect.key == "lateral_play.EBX")
     prior = [term.log_prior + log_width(w, WIDTHS) for term, w in ((terms[0], 1.0), (terms[other], 100.0))]
     for worse, alias in ((1.0, (other,)), (3.0, ())):
@@ -237,10 +241,9 @@ def test_another_component_that_fits_as_well_is_an_alias_and_leaves_the_name_sur
     assert verdict.alias == (other,) and not verdict.by_experience
 
 
-def test_sizes_are_stated_under_the_name_of_what_is_fitted(moments: Moments) -> None:
+def test_sizes_are_stated_under_the_name_of_what_is_fitted(beside_play: Moments) -> None:
     """Of two equally probable axes the gain of X was stated as that of Y, which was one percent more probable."""
-    play = next(k for k, term in enumerate(moments.terms) if term.effect.key == "backlash.X")
-    held = moments_about(refitted(moments, ((play, 1.0),)), candidates(moments.fit.model.campaign))
+    held = beside_play
     other = next(k for k, term in enumerate(held.terms) if term.effect.key == "lateral_play.EBX")
     mine, its = ((0, 1.0),), ((other, 1.0),)
     (verdict,) = decide(Posterior(held, {mine: 0.1, its: 0.0}), Posterior(held, {mine: 0.0, its: 0.1}))
@@ -259,6 +262,7 @@ def test_a_name_in_the_place_of_one_member_is_no_rival_of_another(moments: Momen
     assert rivals[1] > 0.45 and rivals[0] < 0.05
 
 
+@pytest.mark.slow
 def test_another_component_joins_in_the_law_of_the_held_one() -> None:
     """A roll that gave way over some distance was stated without EYX, which reads the same at one height: that was looked at as a
     step only."""
@@ -339,6 +343,7 @@ def test_what_is_late_is_looked_at_about_several_times(effect: str, parameter: s
 def test_a_drift_is_one_law_and_not_a_sum_of_several() -> None:
     """Three onsets in three directions are any curve: they were three names, one above 97 %, for what no name has."""
     plan = read_campaign(CAMPAIGNS / "static-none" / "fit")
+    plan = replace(plan, runs=plan.runs[:1])
     one, other = make_effect("thermal_drift"), make_effect("thermal_drift", shape="delayed", tag="late")
     heat = {"thermal_drift.amplitude.y": 15.0, "thermal_drift.late.amplitude.x": -20.0}
     heated = simulate(plan, truth=heat, effects=[one, other], seed=2).campaign

@@ -153,6 +153,7 @@ def beside_physics(factors: tuple[float, ...]) -> Campaign:
     return replace(made, runs=tuple(runs))
 
 
+@pytest.mark.slow
 def test_a_reversed_run_is_said_beside_other_physics() -> None:
     assert wiring_doubts(identify(beside_physics((1.0, -1.0, 1.0)))) == ()
     (said,) = diagnose(beside_physics((1.0, -1.0, 1.0))).other_readings
