@@ -143,7 +143,7 @@ def make_space(
     machine: Machine, instrument: str, *, noise_um: float = 0.3, setup_sigma: SetupSigma | None = None,
     options: Mapping[str, Any] | None = None,
 ) -> Space:  # fmt: skip
-    """The space of `r_test`, `touch_probe` or `ball_bar` on a machine, made once: its derivatives are made and compiled when first
+    """The space of `r_test`, `touch_probe` or `ball_bar` on a machine, made once: derivatives are made and compiled when first
     needed. Raises `InputError` if nothing is left to choose."""
     sigma, chosen = setup_sigma or SetupSigma(), dict(options or {})
     key = (id(machine), instrument, noise_um, repr(sigma), repr(sorted(chosen.items())))
