@@ -69,7 +69,8 @@ class LimitedRank:
         sizes = np.einsum("yni->n", tail**2)
         last = float(self.gains[-1])
         bent = np.outer(sizes, sizes) * (last**2 / self.behind)
-        for i, (one, tail_one, aside_one) in enumerate(zip(seen * self.gains, last * tail, aside @ inverted, strict=True)):
+        firsts = zip(seen * self.gains, last * tail, aside @ inverted, strict=True)
+        for i, (one, tail_one, aside_one) in enumerate(firsts):
             for j in range(i + 1):
                 form = one @ seen[j].T
                 pair = form * (form + 2.0 * aside_one @ aside[j].T) - (tail_one @ tail[j].T) ** 2
