@@ -28,9 +28,9 @@ from tests.plan_checker import check
 
 MACHINE = "nutating-table"
 MINUTES, SPEED = 7.0, 20.0
-DRAWN = 4
+DRAWN = 3
 """Machines that the plant draws."""
-COARSE = {"POSITIONS": 24, "OF_A_BAR": 24, "SHAKES": 20, "HALVINGS": 2}
+COARSE = {"POSITIONS": 16, "OF_A_BAR": 16, "SHAKES": 12, "HALVINGS": 2}
 SHIPPED = {name: getattr(_sweep_search, name) for name in COARSE}
 
 

@@ -3,8 +3,6 @@
 import filecmp
 import re
 import shutil
-import subprocess
-import sys
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
@@ -29,7 +27,6 @@ from tests.plan_checker.refusals import share_with_a_way_out
 
 ROOT = Path(__file__).resolve().parent.parent
 MACHINE = (ROOT / "designs" / "machines" / "table-bc.toml").read_text(encoding="utf-8")
-PYTHON = [sys.executable, "-m"]
 
 
 @pytest.fixture(scope="module")
@@ -294,16 +291,15 @@ def test_the_ready_plans_are_in_order(folder: Path) -> None:
     assert in_order(folder)
 
 
-def test_the_command_ends_with_one_where_there_are_findings(good: Path, tmp_path: Path) -> None:
+def test_the_command_ends_with_one_where_there_are_findings(
+    good: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     spoilt = tmp_path / "spoilt"
     shutil.copytree(good, spoilt)
     FAULTS["a rapid plunges into the table"][1](spoilt)
     assert checker([str(good)]) == 0
-    answer = subprocess.run(
-        [*PYTHON, "tests.plan_checker", str(spoilt)], capture_output=True, text=True, cwd=ROOT, check=False
-    )  # fmt: skip
-    assert answer.returncode == 1, answer.stdout + answer.stderr
-    assert "spindle nose and table meet by" in answer.stdout
+    assert checker([str(spoilt)]) == 1
+    assert "spindle nose and table meet by" in capsys.readouterr().out
 
 
 @pytest.mark.slow
