@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.special import log_ndtr
 
 from symfive.arrays import Array, Indices
 from symfive.posterior._eliminate import eliminated_rows
@@ -24,8 +25,8 @@ from symfive.posterior._moments import Moments
 from symfive.posterior._scale import least, solved
 
 __all__ = [
-    "SHARE", "Blocks", "Equations", "LogEvidence", "Selected", "Turned", "added", "beside", "discrepancies", "equations",
-    "evidence_of", "explained", "log_evidence", "solution",
+    "SHARE", "Blocks", "Equations", "LogEvidence", "Selected", "Turned", "added", "beside", "bounded", "discrepancies",
+    "equations", "evidence_of", "explained", "log_evidence", "solution",
 ]  # fmt: skip
 
 Selected = tuple[int, float]
@@ -64,11 +65,12 @@ class LogEvidence:
 @dataclass(frozen=True)
 class Equations:
     """The normal equations of a subset in every node: `h` (J, n, n), `g` (J, n), `q` (J,), `d` (n,), of unknowns each of which is
-    the `columns` (n,) of the moments times its own column of `turn` (n, n), and the weights of the columns `aim` that make the
-    residual less the exact contributions of terms that are held."""
+    the `columns` (n,) of the moments times its own column of `turn` (n, n), `lower` (n,) the bounds of what belongs to these, and
+    the weights of the columns `aim` that make the residual less the exact contributions of terms that are held."""
 
     columns: Indices
     turn: Array
+    lower: Array
     d: Array
     h: Array
     g: Array
@@ -88,6 +90,23 @@ class Equations:
         a = self.h[node] / kappa2 + np.eye(len(self.d))
         return np.asarray(self.turn @ np.linalg.solve(a, self.g[node] / kappa2 - self.d))
 
+    def within(self, kappa2: Array) -> Array | float:
+        """Log of how much more probable bounds are by the readings than by the priors, in every node (J,) under its noise scale:
+        of the amplitudes that have one, each by itself."""
+        own = np.flatnonzero(self.lower > -np.inf)
+        if not len(own):
+            return 0.0
+        k, turn = kappa2[:, None], self.turn[own]
+        half = np.linalg.inv(self.h / k[:, None] + np.eye(len(self.d))) @ turn.T
+        x = np.einsum("jki,jk->ji", half, self.g / k - self.d)
+        spread = np.sqrt(np.einsum("ik,jki->ji", turn, half))
+        return np.asarray(bounded(self.lower[own], x, spread, np.sqrt(np.sum(turn**2, axis=1))).sum(axis=1))
+
+
+def bounded(lower: Array, x: Array, spread: Array, prior: Array | float) -> Array:
+    """Log of the mass of N(x, spread²) above `lower`, over that of N(0, prior²)."""
+    return np.asarray(log_ndtr((x - lower) / spread) - log_ndtr(-lower / prior))
+
 
 def equations(moments: Moments, members: Iterable[Selected], blocks: Blocks = ()) -> Equations:
     """Of one subset, with the discrepancies `blocks` of its terms, orthogonal to these: by what its best amplitudes explain a law
@@ -96,12 +115,13 @@ def equations(moments: Moments, members: Iterable[Selected], blocks: Blocks = ()
     moments = moments.about(members)
     target = np.zeros(moments.size)
     target[-1] = 1.0
-    columns, scale, departure = [np.zeros(0, dtype=np.int64)], [np.zeros(0)], [np.zeros(0)]
+    columns, scale, departure, lower = [np.zeros(0, dtype=np.int64)], [np.zeros(0)], [np.zeros(0)], [np.zeros(0)]
     for number, width in members:
         own = moments.columns[number]
         columns.append(own.where)
         scale.append(own.scaled(width))
         departure.append(own.departure)
+        lower.append(own.lower)
         if own.exact >= 0:
             target[own.exact] -= 1.0
     for number, share in blocks:
@@ -109,16 +129,18 @@ def equations(moments: Moments, members: Iterable[Selected], blocks: Blocks = ()
         columns.append(own.where)
         scale.append(np.full(len(own.where), share))
         departure.append(np.zeros(len(own.where)))
-    where, w, d = np.concatenate(columns), np.concatenate(scale), np.concatenate(departure)
+        lower.append(own.lower)
+    where, w = np.concatenate(columns), np.concatenate(scale)
+    d, bounds = np.concatenate(departure), np.concatenate(lower)
     aim = np.flatnonzero(target)
     place, size = where[:, None] * moments.size + where, np.outer(w, w)
     h = np.stack([gram.take(place) * size for gram in moments.gram])
     g = moments.gram[:, where[:, None], aim] @ target[aim] * w
     q = moments.gram[:, aim[:, None], aim] @ target[aim] @ target[aim]
     if not blocks:
-        return Equations(where, np.diag(w), d, h, g, q, aim, target[aim])
+        return Equations(where, np.diag(w), bounds, d, h, g, q, aim, target[aim])
     apart = _apart(moments, members, blocks, h[0])
-    return Equations(where, w[:, None] * apart, d, apart.T @ h @ apart, g @ apart, q, aim, target[aim])
+    return Equations(where, w[:, None] * apart, bounds, d, apart.T @ h @ apart, g @ apart, q, aim, target[aim])
 
 
 def _apart(moments: Moments, members: Sequence[Selected], blocks: Blocks, h: Array) -> Array:
@@ -168,7 +190,7 @@ def evidence_of(moments: Moments, s: Equations) -> LogEvidence:
     """The evidence of the subset whose equations these are."""
     form = Turned.of(s) if np.trace(s.h, axis1=1, axis2=2).max() > PLAIN else s
     cost, kappa2 = least(s.q / moments.count, moments.count, len(s.d), form.weighed)
-    return LogEvidence(-0.5 * (cost + moments.const) + moments.log_prior, kappa2)
+    return LogEvidence(-0.5 * (cost + moments.const) + moments.log_prior + s.within(kappa2), kappa2)
 
 
 @dataclass(frozen=True)

@@ -19,26 +19,10 @@ from symfive.effects import Form
 from symfive.identify import Identification
 from symfive.posterior._eliminate import Total, eliminated, eliminated_rows
 from symfive.posterior._noise import EXACT_ROWS, Node, grams, nodes_of, whitened
-from symfive.posterior._tables import Table, Tables
+from symfive.posterior._tables import Columns, Table, Tables
 from symfive.posterior._terms import Term, terms_of
 
 __all__ = ["Alike", "Columns", "Moments", "moments_of"]
-
-
-@dataclass(frozen=True)
-class Columns:
-    """Where a term stands in the moments: `where` (n,) its columns, `amplitude` (n,) which of them say how large it is,
-    `departure` (n,) of its shape parameters from their prior means in 1σ; `exact` the column of its exact contribution less its
-    tangent, -1 where it is not in the fit."""
-
-    where: Indices
-    amplitude: Flags
-    departure: Array
-    exact: int = -1
-
-    def scaled(self, width: float) -> Array:
-        """The factor (n,) of each column for a prior of so many times the usual width."""
-        return np.where(self.amplitude, width, 1.0)
 
 
 @dataclass(frozen=True)
@@ -49,6 +33,7 @@ class Alike:
     where: Indices
     amplitude: Flags
     departure: Array
+    lower: Array
     exact: Indices
     gram: Array
 
@@ -57,7 +42,7 @@ class Alike:
         if len(rows) == len(self.numbers):
             return self
         numbers = tuple(self.numbers[row] for row in rows)
-        fields = self.where[rows], self.amplitude[rows], self.departure[rows], self.exact[rows]
+        fields = self.where[rows], self.amplitude[rows], self.departure[rows], self.lower[rows], self.exact[rows]
         return Alike(numbers, *fields, self.gram[:, rows])
 
 
@@ -109,8 +94,9 @@ class Moments:
             own = [self.columns[number] for number in numbers]
             where = np.stack([c.where for c in own])
             amplitude, departure = np.stack([c.amplitude for c in own]), np.stack([c.departure for c in own])
+            lower, exact = np.stack([c.lower for c in own]), np.array([c.exact for c in own])
             gram = self.gram[:, where[:, :, None], where[:, None, :]]
-            found.append(Alike(tuple(numbers), where, amplitude, departure, np.array([c.exact for c in own]), gram))
+            found.append(Alike(tuple(numbers), where, amplitude, departure, lower, exact, gram))
         return tuple(found)
 
     @cached_property
@@ -140,10 +126,7 @@ def moments_of(fit: Identification, held: Sequence[Form], fresh: Sequence[Form])
             _summed(table, table.alone, nodes, alone)
     gram, few, logs = total.without(tables.geometry, tables.departure)
     first = tables.geometry
-    columns = tuple(
-        Columns(c.where - first, c.amplitude, c.departure, c.exact - first if c.exact >= 0 else -1)
-        for c in tables.columns
-    )
+    columns = tuple(c.behind(first) for c in tables.columns)
     prior = np.array([node.log_prior for node in nodes])
     terms = terms_of([*held, *fresh])
     whole, _, _ = raw.without(0, np.zeros(0))

@@ -12,7 +12,7 @@ from functools import cache, partial
 import numpy as np
 
 from symfive.arrays import Array, Flags, Indices
-from symfive.posterior._evidence import Blocks, Equations, Selected, Turned, equations, evidence_of
+from symfive.posterior._evidence import Blocks, Equations, Selected, Turned, bounded, equations, evidence_of
 from symfive.posterior._moments import Alike, Moments
 from symfive.posterior._scale import settled, solved
 
@@ -119,20 +119,28 @@ class Sweep:
         for node, out in enumerate(cross):
             np.matmul(gram[node].take(at), axes[node], out=out)
         cross = cross.reshape(*g.shape, len(s.d))
-        departure = np.broadcast_to(own.departure, g.shape)
+        departure, lower = (np.broadcast_to(part, g.shape) for part in (own.departure, own.lower))
         start = np.repeat(scales[:, None], len(exact), axis=1)
-        by_node = departure, own.gram, start, q, g, cross, base, power, d
+        bound = np.flatnonzero(s.lower > -np.inf)
+        sides = np.repeat((s.turn[bound] @ self.turned.axes)[:, None], len(exact), axis=1)
+        limits = np.broadcast_to(s.lower[bound], (*q.shape, len(bound)))
+        by_node = departure, lower, sides, limits, own.gram, start, q, g, cross, base, power, d
         return _Pairs(*(part.reshape(q.size, *part.shape[2:]) for part in by_node))
 
 
 @dataclass(frozen=True)
 class _Pairs:
-    """Terms of as many columns beside a subset, each in a node: their `departure` (P, n), their `gram` (P, n, n), the κ² `start`
-    (P,) without them, what stands for the residual with itself `q` (P,) and with their columns `g` (P, n), these with the
-    subset's columns `cross` (P, n, s), and of the latter that with the residual `base`, the `power` and the departure `d` (P, s).
+    """Terms of as many columns beside a subset, each in a node: their `departure` and bounds `lower` (P, n), the subset's
+    amplitudes that have a bound by its columns, `sides` (P, b, s), and these `limits` (P, b), the terms' `gram` (P, n, n), the
+    κ² `start` (P,) without them, what stands for the residual with itself `q` (P,) and with their columns `g` (P, n), these with
+    the subset's columns `cross` (P, n, s), and of the latter that with the residual `base`, the `power` and the departure `d`
+    (P, s).
     """
 
     departure: Array
+    lower: Array
+    sides: Array
+    limits: Array
     gram: Array
     start: Array
     q: Array
@@ -155,13 +163,36 @@ class _Pairs:
             part = slice(first, first + rows)
             pairs = self.some(part)._scaled(scale[part])
             columns = pairs.d.shape[1] + pairs.g.shape[1]
-            cost[part], _ = settled(pairs.start, count, columns, partial(pairs._solved, x[part]))
+            cost[part], kappa2 = settled(pairs.start, count, columns, partial(pairs._solved, x[part]))
+            cost[part] -= 2.0 * pairs._within(x[part], kappa2)
         return -0.5 * cost, x
+
+    def _within(self, x: Array, kappa2: Array) -> Array:
+        """Log of how much more probable all bounds are by the readings than by the priors (P,), the terms being x (P, n)."""
+        sides, found = self.sides[0], np.zeros(len(x))
+        rows = np.flatnonzero((self.lower > -np.inf).any(axis=1) | bool(len(sides)))
+        if not len(rows):
+            return found
+        now, k, x = self.some(rows), kappa2[rows][:, None], x[rows]
+        shrunk, cross = 1.0 / (now.power + k), np.swapaxes(now.cross, 1, 2)
+        inverse = np.linalg.inv(now.gram - now.cross @ (shrunk[..., None] * cross) + k[:, None] * np.eye(x.shape[1]))
+        spread = np.sqrt(k * np.diagonal(inverse, axis1=1, axis2=2))
+        found[rows] = bounded(now.lower, x, spread, 1.0).sum(axis=1)
+        if len(sides):
+            y = shrunk * (now.base - k * now.d - (cross @ x[..., None])[..., 0])
+            part = now.sides * shrunk[:, None]
+            moved = part @ cross
+            spread = np.sqrt(k * (np.sum(part * now.sides, axis=2) + np.sum(moved @ inverse * moved, axis=2)))
+            prior = np.sqrt(np.sum(now.sides**2, axis=2))
+            found[rows] += bounded(now.limits, (now.sides @ y[..., None])[..., 0], spread, prior).sum(axis=1)
+        return found
 
     def _scaled(self, scale: Array) -> _Pairs:
         """The same with the terms' columns times a scale (P, n)."""
         gram = self.gram * (scale[:, :, None] * scale[:, None, :])
-        return replace(self, gram=gram, g=self.g * scale, cross=self.cross * scale[:, :, None])
+        return replace(
+            self, lower=self.lower / scale, gram=gram, g=self.g * scale, cross=self.cross * scale[:, :, None]
+        )
 
     def _solved(self, found: Array, rows: Indices, kappa2: Array) -> tuple[Array, Array]:
         """What is left (p,) in some rows (p,) under a noise scale each, and |x + d|² + log|A| (p,) of all columns; x of the term

@@ -8,14 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from symfive.arrays import Array, Flags, Indices
-from symfive.campaign import Run
+from symfive.campaign import Campaign, Run
 from symfive.effects import Effect, Form, Varying
 from symfive.identify import Identification
 from symfive.model import Linearisation, Model
 from symfive.posterior._tangents import Compressed, channel_of, compressed, probes
 from symfive.posterior._terms import own_parameters, starts_of
 
-__all__ = ["Placed", "Table", "Tables"]
+__all__ = ["Columns", "Table", "Tables"]
 
 
 @dataclass(frozen=True)
@@ -34,13 +34,33 @@ class Table:
 
 
 @dataclass(frozen=True)
-class Placed:
-    """Where a term's columns stand; the fields of `Columns` before the geometry is eliminated."""
+class Columns:
+    """Where a term stands in the moments: `where` (n,) its columns, `amplitude` (n,) which of them say how large it is,
+    `departure` (n,) of its shape parameters from their prior means in 1σ, `lower` (n,) the bounds of its amplitudes in usual 1σ
+    from nothing (-∞: none); `exact` the column of its exact contribution less its tangent, -1 where it is not in the fit."""
 
     where: Indices
     amplitude: Flags
     departure: Array
+    lower: Array
     exact: int = -1
+
+    def scaled(self, width: float) -> Array:
+        """The factor (n,) of each column for a prior of so many times the usual width."""
+        return np.where(self.amplitude, width, 1.0)
+
+    def behind(self, geometry: int) -> Columns:
+        """The same once so many columns before them are eliminated."""
+        exact = self.exact - geometry if self.exact >= 0 else -1
+        return replace(self, where=self.where - geometry, exact=exact)
+
+
+def _lower(effect: Effect, campaign: Campaign) -> Array:
+    """The bounds of all that joins with an effect, in usual prior 1σ from nothing; -∞ of what is no amplitude."""
+    plain = replace(effect, spread=1.0)
+    sizes = {p.name for p in plain.amplitudes(campaign)}
+    own = own_parameters(plain, campaign)
+    return np.array([(p.lower - p.mean) / p.sigma if p.name in sizes else -np.inf for p in own])
 
 
 def smoothed(model: Model, run: Run, values: Array) -> Linearisation:
@@ -69,16 +89,17 @@ class Distant:
         self._at = self._model.vector(_known(self._model, {**fit.named, **form.at}))
         self._own = own_parameters(form.effect, campaign)
         self._sizes = {p.name for p in form.effect.amplitudes(campaign)}
+        self._lower = _lower(form.effect, campaign)
         self._values = self._model.named(self._at)
         self.where = np.zeros(0, dtype=np.int64)
 
-    def placed_at(self, here: int) -> Placed:
+    def placed_at(self, here: int) -> Columns:
         """Its columns from `here` on."""
         self.where = here + np.arange(len(self._own) + 1)
         amplitude = np.array([p.name in self._sizes for p in self._own])
         departure = np.array([0.0 if p.name in self._sizes else (self._values[p.name] - p.mean) / p.sigma
                               for p in self._own])  # fmt: skip
-        return Placed(self.where[:-1], amplitude, departure, int(self.where[-1]))
+        return Columns(self.where[:-1], amplitude, departure, self._lower, int(self.where[-1]))
 
     def columns(self, run: Run, without: Array) -> Array:
         """Slopes times prior 1σ, and last what it adds to the prediction `without` it less the slopes' share of that:
@@ -169,8 +190,8 @@ class Tables:
         found = compressed(self._models[1], lines, bases, self._scaled, forms)
         return {id(form): entry for form, entry in zip(forms, found, strict=True)}
 
-    def _placed(self, held: Sequence[Effect], fresh: Sequence[Form]) -> tuple[Placed, ...]:
-        here, found = self.geometry, list[Placed]()
+    def _placed(self, held: Sequence[Effect], fresh: Sequence[Form]) -> tuple[Columns, ...]:
+        here, found = self.geometry, list[Columns]()
         for effect in (*held, *(form.effect for form in fresh if _sloped(form))):
             here = self._name(effect, here)
         for effect in held:
@@ -183,14 +204,16 @@ class Tables:
                 continue
             if isinstance(form.effect, Varying):
                 width = form.effect.functions(self.fit.model.campaign.runs[0], self.fit.model.campaign).shape[1]
-                found.append(Placed(here + np.arange(width), np.zeros(width, dtype=bool), np.zeros(width)))
+                free = np.full(width, -np.inf)
+                found.append(Columns(here + np.arange(width), np.zeros(width, dtype=bool), np.zeros(width), free))
                 here += width
                 continue
             if form.basis is None:
                 found.append(self._columns_of(form.effect, -1))
                 continue
             width = self._tangents[id(form)].turn.shape[1]
-            found.append(Placed(here + np.arange(width), np.ones(width, dtype=bool), np.zeros(width)))
+            where, free = here + np.arange(width), np.full(width, -np.inf)
+            found.append(Columns(where, np.ones(width, dtype=bool), np.zeros(width), free))
             self._tangents[id(form)] = replace(self._tangents[id(form)], where=here + np.arange(width))
             here += width
         self.size = here + 1
@@ -203,7 +226,7 @@ class Tables:
             at += 1
         return at
 
-    def _columns_of(self, effect: Effect, exact: int) -> Placed:
+    def _columns_of(self, effect: Effect, exact: int) -> Columns:
         campaign = self.fit.model.campaign
         parameters = own_parameters(effect, campaign)
         sizes = {p.name for p in effect.amplitudes(campaign)}
@@ -213,7 +236,7 @@ class Tables:
         departure = [0.0 if exact < 0 or size else (self.fit[p.name] - p.mean) / p.sigma
                      for p, size in zip(parameters, amplitude, strict=True)]  # fmt: skip
         where = np.array([self._place[p.name][0] for p in parameters])
-        return Placed(where, amplitude, np.array(departure), exact)
+        return Columns(where, amplitude, np.array(departure), _lower(effect, campaign), exact)
 
     def _scaled(self, run: Run, table: Array) -> Array:
         """The fitted columns of readings (N, ny, …) in declared noise; what was left out as an outlier carries nothing."""
