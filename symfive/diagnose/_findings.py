@@ -241,7 +241,7 @@ def _finding(
     alias = dict.fromkeys(terms[t].effect.key for t in (*verdict.alias, *verdict.components))
 
     def sizes(one: Effect) -> Mapping[str, Quantity]:
-        return with_begin(after, one).describe(campaign, stated.named, _covariance(stated, one))
+        return with_begin(after, one).describe(campaign, stated.named, _covariance(stated))
 
     draft = Finding(
         effect=effect, name=name, axis=axis, confidence=min(max(v.probability for v in cause.verdicts), 0.999),
@@ -292,8 +292,9 @@ def _component(posterior: Posterior, name: Name) -> str | None:
     return None
 
 
-def _covariance(fit: Identification, effect: Effect) -> dict[tuple[str, str], float]:
-    names = [p.name for p in effect.parameters(fit.model.campaign)]
+def _covariance(fit: Identification) -> dict[tuple[str, str], float]:
+    """Of what effects have, by pairs of names."""
+    names = [p.name for p in fit.model.parameters if p.kind == "effect"]
     place = [fit.model.index[name] for name in names]
     return {
         (a, b): float(fit.covariance[i, j])

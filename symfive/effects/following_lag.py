@@ -11,13 +11,14 @@ import numpy as np
 from symfive.effects._base import DRIVE, Campaign, Covariance, Effect, Forms, Parameter, Quantity, Run, Values
 from symfive.effects._quantity import own_quantity, propagated
 from symfive.errors import InputError
-from symfive.motion import LAG
+from symfive.motion import LAG, LAG_OF_ALL
 
 SIZES = (2.0, 8.0, 32.0)
 """In units of the usual one, up to a third of a second, at which the readings are looked at."""
 SHAPES = ("lag", "loop")
 INNER = {"velocity_gain": ("1/s", 300.0), "integral_time": ("s", 0.05), "viscous": ("1/s", 5.0)}
 """Unit and usual size of what the velocity loop has (conventions, section 3); each as uncertain as it is large."""
+BEYOND = "lag_beyond_all_ms"
 LEAST = 0.02
 """Share of its usual size that a gain of the loop has at least; the least lag of a loop, ms."""
 
@@ -26,9 +27,11 @@ LEAST = 0.02
 class FollowingLag(Effect):
     """τ·dq/dt + q = command, at rest on the first row: what a position loop makes of slow motion, τ = 1/position_gain (M. Weck
     2006: velocity-proportional following error). Without an axis all that have no drive follow alike, as the position gains of
-    axes that interpolate are set. Where a drive is declared its own gains say so (`ServoMismatch`).
+    axes that interpolate are set; the lag of one axis comes on top of that. Where a drive is declared its own gains say so
+    (`ServoMismatch`).
 
     `shape`: `lag`, or `loop`: about a velocity loop, whose gains are found too, of each axis its own; a start or stop shows them.
+    The loop of one axis has all of its lag: none of all axes joins it.
 
     Typical 5–60 ms, the loops of position gains from 1 to 10 m/min a millimetre.
     """
@@ -40,6 +43,7 @@ class FollowingLag(Effect):
     says = "the axis follows its command late, by its position loop"
     hidden_by = "latency where one axis moves, or all are late alike; location errors of a rotary axis"
     action = "declare the drive of the axis in the machine file, or switch its feed-forward on in the control"
+    terms = (("lag_beyond_all", "lag beyond that of all axes"),)
     dynamic_only = True
     choices = (("shape", SHAPES),)
     shape: str = "lag"
@@ -79,7 +83,8 @@ class FollowingLag(Effect):
         return lag, *(self.own(n, unit, size, mean=size, lower=LEAST * size) for n, (unit, size) in inner.items())
 
     def frees(self) -> Mapping[tuple[str, str], str]:
-        freed = {(axis, LAG): "lag_ms" for axis in self.axes} | self._inner()
+        lags = (LAG_OF_ALL,) if self.axis is None else (LAG,) if self.shape == "lag" else (LAG, LAG_OF_ALL)
+        freed = {(axis, lag): "lag_ms" for axis in self.axes for lag in lags} | self._inner()
         return {place: f"{self.key}.{name}" for place, name in freed.items()}
 
     def _inner(self) -> dict[tuple[str, str], str]:
@@ -88,11 +93,15 @@ class FollowingLag(Effect):
         return {(axis, gain): gain if self.axis else f"{gain}_{axis}" for axis, gain in places}
 
     def describe(self, campaign: Campaign, values: Values, covariance: Covariance) -> dict[str, Quantity]:
-        """The lag, and the position gain that has it."""
+        """The lag, what of it is beyond the one of all axes, and the position gain that has it."""
         lag, *inner = self.parameters(campaign)
         found = {p.name.removeprefix(f"{self.key}."): own_quantity(p, values, covariance) for p in (lag, *inner)}
-        if values[lag.name] > 0.0:
-            found["position_gain"] = propagated(lambda x: 1e3 / x[0], (lag.name,), "1/s", values, covariance)
+        of_all = f"{self.id}.lag_ms"
+        lags = tuple(dict.fromkeys((lag.name, of_all))) if of_all in values else (lag.name,)
+        if lags[1:]:
+            found |= {BEYOND: found["lag_ms"], "lag_ms": propagated(np.sum, lags, "ms", values, covariance)}
+        if sum(values[name] for name in lags) > 0.0:
+            found["position_gain"] = propagated(lambda x: 1e3 / np.sum(x), lags, "1/s", values, covariance)
         return found
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 
 from symfive.arrays import Array
@@ -23,6 +25,28 @@ def first_order_slope(given: Array, lagged: Array, steps: Array, tau: float) -> 
     moved = np.zeros_like(given)
     moved[1:] = _weighed(slopes[:, :1], lagged[:-1]) + _weighed(slopes[:, 1:], given[1:], given[:-1])
     return _followed(weights[:, 0], moved)
+
+
+def lag_response(command: Array, interval: float, tau: float, *, moving: bool) -> Array:
+    """Motion of an axis that follows late by `tau` s and its slope in that, as of `drive_response`: (N, 3, 2).
+
+    `command` (N,) `interval` s apart. The axis stands on the first one; where it is `moving` the lag has settled.
+    """
+    from scipy.signal import lfilter
+
+    (weights,), (slopes,) = _hold(np.array([interval]), tau)
+    speed, fade = float(command[1] - command[0]) / interval if moving else 0.0, [1.0, -weights[0]]
+    rest = command - command[0] - speed * interval * np.arange(len(command))
+    lagged = lfilter(weights[1:], fade, rest)
+    forcing = slopes[1] * rest
+    forcing[1:] += slopes[0] * lagged[:-1] + slopes[2] * rest[:-1]
+    order: Literal[1, 2] = 2 if len(command) > 2 else 1
+    found = np.empty((len(command), 3, 2))
+    found[:, 0, 0] = command - rest + lagged - tau * speed
+    found[:, 0, 1] = lfilter([1.0], fade, forcing) - speed
+    for k in (1, 2):
+        found[:, k] = np.gradient(found[:, k - 1], interval, axis=0, edge_order=order)
+    return found
 
 
 def _weighed(weights: Array, *tables: Array) -> Array:

@@ -13,7 +13,7 @@ import numpy as np
 from symfive.arrays import Array, Indices
 from symfive.motion._between_rows import LEAD_ROWS, along_the_curve, between, finer, instants, is_curved, lead
 from symfive.motion._drives import GAINS, drive_response
-from symfive.motion._first_order import first_order, first_order_slope
+from symfive.motion._first_order import lag_response
 from symfive.motion._gaps import programme_of
 from symfive.motion._loop import LOOP
 
@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from symfive.runs import Run
 
 T = TypeVar("T")
-LAG = "lag"
-"""The quantity of an axis without a drive that can be a parameter, s."""
+LAG, LAG_OF_ALL = "lag", "lag of all"
+"""The quantities of an axis without a drive that can be parameters, s: by so much it follows late, and by so much all do."""
 SMOOTHING_S = 0.03
 
 
@@ -204,43 +204,21 @@ class RunMotion:
             return self._smoothed(Series(command), self._earlier(measured))
         if not self.run.dynamic or np.all(command == command[0]):
             return AxisMotion(Series(command), Series(command), rest, rest)
-        if self._has_loop(axis):
+        if self._follows(axis):
             return self._driven(axis, command)
-        ahead = self._earlier(command)
-        position = self._lagged(axis, ahead)
+        position = self._earlier(command)
         slopes = self._of_the_curve(position) if is_curved(self.run) else self._from_row_to_row(position)
-        return AxisMotion(ahead, position, *slopes)
+        return AxisMotion(position, position, *slopes)
 
-    def _has_loop(self, axis: Axis) -> bool:
-        """Whether an axis moves as the loop of a drive, stated in the machine file or, with a lag, made up by parameters."""
-        if axis.drive is not None:
-            return True
-        lag = self.values.get(self._freed.get((axis.name, LAG), ""), 0.0)
-        return lag > 0.0 and any((axis.name, quantity) in self._freed for quantity in LOOP)
+    def _follows(self, axis: Axis) -> bool:
+        """Whether an axis does not follow its command exactly: the machine file states its drive, or a lag is a parameter."""
+        return axis.drive is not None or bool(self._lag(axis.name)[1])
 
-    def _lagged(self, axis: Axis, command: Series) -> Series:
-        """The position of an axis that follows its command exactly, or with a lag where that is a parameter; where the recording
-        begins in motion the lag has settled."""
-        name = self._freed.get((axis.name, LAG))
-        if name is None:
-            return command
-        run, moving = self.run, self.run.options.get("start") == "moving"
-        tau = self.values[name]
-
-        def follow(column: Array) -> Array:
-            def along(factor: int) -> Array:
-                interval, (commanded, first) = run.interval / factor, finer(run, column, factor)
-                time, steps = interval * np.arange(len(commanded)), np.full(len(commanded) - 1, interval)
-                speed = float(commanded[1] - commanded[0]) / interval if moving else 0.0
-                rest = commanded - commanded[0] - speed * time
-                lagged = first_order(rest, steps, tau)
-                slope = first_order_slope(rest, lagged, steps, tau) - speed
-                return np.stack([commanded - rest + lagged - tau * speed, slope])[:, first + factor * run.steps]
-
-            return along_the_curve(run, instants(run) if is_curved(run) else 1, along)
-
-        position, late = follow(command.value)
-        return Series(position, {n: follow(slope)[0] for n, slope in command.tangents.items()} | {name: late})
+    def _lag(self, axis: str) -> tuple[float, tuple[str, ...]]:
+        """By how much an axis without a drive follows late, s, and the parameters whose sum that is."""
+        freed = [self._freed[axis, lag] for lag in (LAG, LAG_OF_ALL) if (axis, lag) in self._freed]
+        names = tuple(dict.fromkeys(freed))
+        return sum(self.values[name] for name in names), names
 
     def _of_the_curve(self, position: Series) -> tuple[Series, Series]:
         """Velocity and acceleration of the curve between the rows."""
@@ -327,25 +305,33 @@ class RunMotion:
         )
 
     def _respond(self, axis: Axis, factor: int) -> tuple[Array, tuple[str, ...], int]:
-        command = np.asarray(self.run.commands[axis.name]) * axis.to_internal
+        run, command = self.run, np.asarray(self.run.commands[axis.name]) * axis.to_internal
         wanted = {q: self._freed[axis.name, q] for q in GAINS if (axis.name, q) in self._freed}
+        tau, lags = self._lag(axis.name)
+        looped = axis.drive is not None or (tau > 0.0 and any(quantity in LOOP for quantity in wanted))
         gains = {quantity: float(getattr(axis.drive, quantity, 0.0)) for quantity in LOOP}
         gains |= {quantity: self.values[name] for quantity, name in wanted.items()}
-        if (lag := self._freed.get((axis.name, LAG))) is not None:
-            gains["position_gain"] = 1.0 / self.values[lag]
-            wanted["position_gain"] = lag
-
-        order, (commanded, first) = tuple(sorted(gains.items())), finer(self.run, command, factor)
+        if lags and looped:
+            gains["position_gain"] = 1.0 / tau
+        order, (commanded, first) = tuple(sorted(gains.items())), finer(run, command, factor)
+        quantities = (*wanted, "position_gain") if lags else tuple(wanted)
 
         def respond(chords: int) -> Array:
-            column = commanded if chords == factor else finer(self.run, command, chords)[0]
-            return _remembered(column.tobytes(), self.run.interval / chords, order, tuple(wanted))[:: chords // factor]
+            column = commanded if chords == factor else finer(run, command, chords)[0]
+            interval = run.interval / chords
+            if looped:
+                found = _remembered(column.tobytes(), interval, order, quantities)
+            else:
+                found = lag_response(column, interval, tau, moving=run.options.get("start") == "moving")
+            return found[:: chords // factor]
 
-        found = along_the_curve(self.run, factor, respond)
-        if lag is not None:  # the last slope is in the gain, its inverse
-            found = found.copy()
-            found[:, :, -1] *= -(gains["position_gain"] ** 2)
-        return found, tuple(wanted.values()), first
+        found = along_the_curve(run, factor, respond)
+        if not looped:
+            return np.concatenate([found, *[found[:, :, 1:]] * (len(lags) - 1)], axis=2), lags, first
+        if lags:  # the last slope is in the gain, the inverse of the sum of its lags
+            slopes = [-found[:, :, -1:] / tau**2] * len(lags)
+            found = np.concatenate([found[:, :, :-1], *slopes], axis=2)
+        return found, (*wanted.values(), *lags), first
 
     def led(self, name: str) -> tuple[Array, Series, int]:
         """Instants, s, and positions of an axis with the motion before the first row, where the recording begins in motion, and
@@ -367,7 +353,7 @@ class RunMotion:
     def _finely(self, name: str, factor: int) -> tuple[Series, Indices, float]:
         axis, motion = self.machine.axes[name], self.axis(name)
         rows, fine = self.run.steps * factor, np.arange(self.run.steps[-1] * factor + 1)
-        driven = self._has_loop(axis) and self.recorded(name) is None
+        driven = self._follows(axis) and self.recorded(name) is None
         if driven and np.ptp(motion.command.value):
             whole, names, first = self._response(axis, factor)
             response = whole[first:]
