@@ -262,6 +262,7 @@ def test_of_axes_that_are_all_late_the_one_that_is_later_is_named(tmp_path: Path
         ("servo_mismatch", "Y", True),
         ("servo_mismatch", None, True),
     ]
+    assert (later.title, all_.title) == ("Servo mismatch of axis Y", "Servo mismatch of all axes")
     for finding, name, value in ((later, "lag_ms", 25.0), (later, "lag_beyond_all_ms", 1.0), (all_, "lag_ms", 24.0)):
         quantity = finding.parameters[name]
         assert isinstance(quantity.value, float) and isinstance(quantity.std, float)

@@ -139,9 +139,9 @@ class Effect:
     """Base of all effects. A subclass is one file and one line in the table of `symfive.effects`.
 
     `id` is its name, `reported_as` the word of the vocabulary (docs/conventions.md, section 7) for it where
-    that is another one, `state` that in which alone it acts, where its name means something else in others, `stage` one of
-    `STAGES`, `axis` the axis it belongs to (None: no axis). Further fields of a subclass say which of several forms is meant (a
-    component, a run, a shape), `choices` what they may be; `tag` distinguishes two effects of one kind and axis. A field
+    that is another one, `state` words behind its name where that means something else in other states or of other axes,
+    `stage` one of `STAGES`, `axis` the axis it belongs to (None: no axis). Further fields of a subclass say which form is meant
+    (a component, a run, a shape), `choices` what they may be; `tag` distinguishes two effects of one kind and axis. A field
     `component` (`EYX`, `EA0C`) is the error to which it adds. `spread` multiplies the prior 1σ of its amplitudes.
 
     `terms` are words for the parts of its keys and of its parameters' names that do not say by themselves what they are; with

@@ -50,6 +50,11 @@ class FollowingLag(Effect):
     axes: tuple[str, ...] = ()
 
     @property
+    def state(self) -> str:  # type: ignore[override]
+        """Behind its name, where that has no axis."""
+        return "" if self.axis else "of all axes"
+
+    @property
     def coordinate(self) -> str:  # type: ignore[override]
         """Its axis' velocity; time where all are late alike."""
         return "t" if self.axis is None else "{axis} velocity"
