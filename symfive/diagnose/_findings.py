@@ -17,7 +17,7 @@ from symfive.diagnose._locate import Location
 from symfive.diagnose._result import mean_square
 from symfive.diagnose._words import sentence_of
 from symfive.effects import Effect, Quantity, form_words
-from symfive.identify import Identification, identify
+from symfive.identify import Identification, identify, summarise
 from symfive.model import Model
 from symfive.posterior import (
     Expansion,
@@ -241,7 +241,8 @@ def _finding(
     alias = dict.fromkeys(terms[t].effect.key for t in (*verdict.alias, *verdict.components))
 
     def sizes(one: Effect) -> Mapping[str, Quantity]:
-        return with_begin(after, one).describe(campaign, stated.named, _covariance(stated))
+        known = _left_open(stated, one)
+        return with_begin(after, one).describe(campaign, known.named, _covariance(known))
 
     draft = Finding(
         effect=effect, name=name, axis=axis, confidence=min(max(v.probability for v in cause.verdicts), 0.999),
@@ -290,6 +291,17 @@ def _component(posterior: Posterior, name: Name) -> str | None:
             if t >= held and terms[t].name == name:
                 return getattr(terms[t].effect, "component", None)
     return None
+
+
+def _left_open(fit: Identification, effect: Effect) -> Identification:
+    """The fit with what an effect's sizes are relative to beside it, at nothing, if it lacks that."""
+    model, held = fit.model, {each.key for each in fit.model.effects}
+    beside = [each for each in effect.beside(model.campaign) if each.key not in held]
+    if not beside:
+        return fit
+    wider = Model(model.campaign, (*model.added, *beside))
+    still = {p.name: p.mean for each in beside for p in each.parameters(model.campaign)}
+    return summarise(fit.problem(wider), wider.vector({**fit.named, **still}), converged=True)
 
 
 def _covariance(fit: Identification) -> dict[tuple[str, str], float]:

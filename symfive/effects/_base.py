@@ -326,6 +326,10 @@ class Effect:
         mine = self.parameters(campaign)
         return found | {p.name.removeprefix(self.key + "."): own_quantity(p, values, covariance) for p in mine}
 
+    def beside(self, campaign: Campaign) -> tuple[Effect, ...]:
+        """Effects to which its sizes are relative: where a fit lacks one, what readings leave open of that counts in them."""
+        return ()
+
     def advice(self, sizes: Mapping[str, Quantity]) -> tuple[str, str]:
         """What it does and what a service engineer does about it where its parameters have these `sizes`."""
         return self.says, self.action

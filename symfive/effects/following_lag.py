@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 
 from symfive.effects._base import DRIVE, Campaign, Covariance, Effect, Forms, Parameter, Quantity, Run, Values
-from symfive.effects._quantity import own_quantity, propagated
+from symfive.effects._quantity import own_quantity, propagate, propagated
 from symfive.errors import InputError
 from symfive.motion import LAG, LAG_OF_ALL
 
@@ -97,15 +97,20 @@ class FollowingLag(Effect):
         places = [(axis, gain) for axis in self.axes for gain in INNER] if self.shape == "loop" else []
         return {(axis, gain): gain if self.axis else f"{gain}_{axis}" for axis, gain in places}
 
+    def beside(self, campaign: Campaign) -> tuple[Effect, ...]:
+        """The lag of all axes, which one axis' own is beyond."""
+        alone = self.axis is None or self.shape == "loop" or not _without_drive(campaign)[1:]
+        return () if alone else (FollowingLag().prepare(campaign),)
+
     def describe(self, campaign: Campaign, values: Values, covariance: Covariance) -> dict[str, Quantity]:
-        """The lag, what of it is beyond the one of all axes, and the position gain that has it."""
+        """The lag, what of it is beyond the one of all axes, and the position gain that has it where it is above 2σ."""
         lag, *inner = self.parameters(campaign)
         found = {p.name.removeprefix(f"{self.key}."): own_quantity(p, values, covariance) for p in (lag, *inner)}
-        of_all = f"{self.id}.lag_ms"
-        lags = tuple(dict.fromkeys((lag.name, of_all))) if of_all in values else (lag.name,)
+        lags = tuple(dict.fromkeys(name for name in (lag.name, f"{self.id}.lag_ms") if name in values))
+        (total,), (spread,) = propagate(lambda x: [np.sum(x)], lags, values, covariance)
         if lags[1:]:
-            found |= {BEYOND: found["lag_ms"], "lag_ms": propagated(np.sum, lags, "ms", values, covariance)}
-        if sum(values[name] for name in lags) > 0.0:
+            found |= {BEYOND: found["lag_ms"], "lag_ms": Quantity(float(total), float(spread), "ms")}
+        if total > 2.0 * spread:
             found["position_gain"] = propagated(lambda x: 1e3 / np.sum(x), lags, "1/s", values, covariance)
         return found
 
