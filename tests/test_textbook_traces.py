@@ -164,7 +164,9 @@ def test_six_faults_at_once_are_all_found():
             ("backlash", "X", "width"): play, ("transmission_error", "X", "amplitude"): cycle}  # fmt: skip
     for (name, its, size), value in true.items():
         assert found[name, its].parameters[size].value == pytest.approx(value, rel=0.15)
-    assert found["servo_mismatch", axis].parameters["position_gain"].value != pytest.approx(45.0, abs=0.05)
+    gains = {name: quantity.value for name, quantity in found["servo_mismatch", axis].parameters.items()}
+    late = (1.0 - gains.get("feedforward", 0.0)) / gains.get("position_gain", 45.0) - 1.0 / 45.0
+    assert abs(late) == pytest.approx(lag, rel=0.15)
 
 
 @pytest.mark.slow
