@@ -82,7 +82,12 @@ def finer(run: Run, column: Array, factor: int) -> tuple[Array, int]:
     column, first = np.concatenate([before, column]), len(before)
     if factor == 1:
         return column, first
-    return _finer(column.tobytes(), factor, curved=is_curved(run)), first * factor
+    at, rows = np.arange((len(column) - 1) * factor + 1) / factor, np.arange(len(column))
+    if not is_curved(run):
+        return np.interp(at, rows, column), first * factor
+    from scipy.interpolate import CubicSpline
+
+    return np.asarray(CubicSpline(rows, column)(at)), first * factor
 
 
 def lead(run: Run, command: Array) -> Array:
@@ -112,21 +117,6 @@ def between(response: Array, place: Array, interval: float) -> tuple[Array, Arra
     motion[:, :2] += s * (1.0 - s) * bent
     rate[:, :2] += (1.0 - 2.0 * s) * bent + s * (1.0 - s) * (right - left)
     return motion, rate * (inside / interval)[:, None, None]
-
-
-@lru_cache(maxsize=64)
-def _finer(command: bytes, factor: int, *, curved: bool) -> Array:
-    """A command at `factor` instants per interval, along chords or a curve, remembered: what is commanded stays the same."""
-    column = np.frombuffer(command)
-    at, rows = np.arange((len(column) - 1) * factor + 1) / factor, np.arange(len(column))
-    if curved:
-        from scipy.interpolate import CubicSpline
-
-        found = np.asarray(CubicSpline(rows, column)(at))
-    else:
-        found = np.interp(at, rows, column)
-    found.flags.writeable = False
-    return found
 
 
 @lru_cache(maxsize=128)

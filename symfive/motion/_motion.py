@@ -89,11 +89,9 @@ class AxisMotion:
 
 
 @lru_cache(maxsize=128)
-def _remembered(
-    command: bytes, interval: float, gains: tuple[tuple[str, float], ...], wanted: tuple[str, ...]
-) -> Array:
-    """`drive_response`, remembered: models of one campaign share their commands, and mostly their drives."""
-    response = drive_response(np.frombuffer(command), interval, dict(gains), wanted)
+def _remembered(command: bytes, interval: float, gains: tuple[tuple[str, float], ...]) -> Array:
+    """`drive_response` without derivatives, remembered: models of one campaign share their commands, and mostly their drives."""
+    response = drive_response(np.frombuffer(command), interval, dict(gains), ())
     response.flags.writeable = False
     return response
 
@@ -214,6 +212,11 @@ class RunMotion:
         """Whether an axis does not follow its command exactly: the machine file states its drive, or a lag is a parameter."""
         return axis.drive is not None or bool(self._lag(axis.name)[1])
 
+    def _looped(self, axis: Axis) -> bool:
+        """Whether it moves as a position loop about a velocity loop: that of its drive, or one that parameters make up."""
+        shaped = any((axis.name, quantity) in self._freed for quantity in LOOP)
+        return axis.drive is not None or (shaped and self._lag(axis.name)[0] > 0.0)
+
     def _lag(self, axis: str) -> tuple[float, tuple[str, ...]]:
         """By how much an axis without a drive follows late, s, and the parameters whose sum that is."""
         freed = [self._freed[axis, lag] for lag in (LAG, LAG_OF_ALL) if (axis, lag) in self._freed]
@@ -299,7 +302,9 @@ class RunMotion:
 
     def _response(self, axis: Axis, factor: int) -> tuple[Array, tuple[str, ...], int]:
         """The drive's motion at `factor` instants per interval, without gaps and with its lead, the parameters of its
-        derivatives, and the place of the first row; no delay is in it."""
+        derivatives, and the place of the first row; no delay is in it. That of a lag costs little, and would fill the memory."""
+        if not self._looped(axis):
+            return self._respond(axis, factor)
         return self._kept(
             ("response", axis.name, factor), axis.name, (), lambda: self._respond(axis, factor), late=False
         )
@@ -308,21 +313,23 @@ class RunMotion:
         run, command = self.run, np.asarray(self.run.commands[axis.name]) * axis.to_internal
         wanted = {q: self._freed[axis.name, q] for q in GAINS if (axis.name, q) in self._freed}
         tau, lags = self._lag(axis.name)
-        looped = axis.drive is not None or (tau > 0.0 and any(quantity in LOOP for quantity in wanted))
+        looped = self._looped(axis)
         gains = {quantity: float(getattr(axis.drive, quantity, 0.0)) for quantity in LOOP}
         gains |= {quantity: self.values[name] for quantity, name in wanted.items()}
         if lags and looped:
             gains["position_gain"] = 1.0 / tau
-        order, (commanded, first) = tuple(sorted(gains.items())), finer(run, command, factor)
+        commanded, first = finer(run, command, factor)
         quantities = (*wanted, "position_gain") if lags else tuple(wanted)
 
         def respond(chords: int) -> Array:
             column = commanded if chords == factor else finer(run, command, chords)[0]
             interval = run.interval / chords
-            if looped:
-                found = _remembered(column.tobytes(), interval, order, quantities)
-            else:
+            if not looped:
                 found = lag_response(column, interval, tau, moving=run.options.get("start") == "moving")
+            elif quantities:
+                found = drive_response(column, interval, gains, quantities)
+            else:
+                found = _remembered(column.tobytes(), interval, tuple(sorted(gains.items())))
             return found[:: chords // factor]
 
         found = along_the_curve(run, factor, respond)
