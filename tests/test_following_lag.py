@@ -122,7 +122,7 @@ def unbounded(moments: Moments) -> Moments:
 
 
 def test_an_axis_that_is_late_is_no_other_one_that_is_early(tmp_path: Path) -> None:
-    """Where each recording has a clock of its own the two read the same, and a lag is not negative."""
+    """Where each recording has a clock of its own the two cannot be distinguished, but a lag is not negative."""
     read = circles(tmp_path, {"Y": 3e-4}, interval_s=0.16)
     runs = tuple(replace(run, options={**run.options, "clock_sigma_ms": 50.0}) for run in read.runs)
     moments, lags = lags_of_one_axis(replace(read, runs=runs))

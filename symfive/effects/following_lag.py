@@ -11,7 +11,7 @@ import numpy as np
 from symfive.effects._base import DRIVE, Campaign, Covariance, Effect, Forms, Parameter, Quantity, Run, Values
 from symfive.effects._quantity import own_quantity, propagate, propagated
 from symfive.errors import InputError
-from symfive.motion import LAG, LAG_OF_ALL
+from symfive.motion import LAG, LAG_OF_ALL, LAGS
 
 SIZES = (2.0, 8.0, 32.0)
 """In units of the usual one, up to a third of a second, at which the readings are looked at."""
@@ -88,7 +88,7 @@ class FollowingLag(Effect):
         return lag, *(self.own(n, unit, size, mean=size, lower=LEAST * size) for n, (unit, size) in inner.items())
 
     def frees(self) -> Mapping[tuple[str, str], str]:
-        lags = (LAG_OF_ALL,) if self.axis is None else (LAG,) if self.shape == "lag" else (LAG, LAG_OF_ALL)
+        lags = (LAG_OF_ALL,) if self.axis is None else (LAG,) if self.shape == "lag" else LAGS
         freed = {(axis, lag): "lag_ms" for axis in self.axes for lag in lags} | self._inner()
         return {place: f"{self.key}.{name}" for place, name in freed.items()}
 

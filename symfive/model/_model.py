@@ -14,7 +14,7 @@ from symfive.effects import Effect, baseline_effects
 from symfive.errors import EvaluationError, InputError
 from symfive.instruments import Column, check_mounting, has_clock_of_its_own, instruments_of, setup_parameter
 from symfive.model._assembly import Given, RowFunction, Together, assembled, kind_of, machine_parameters, sensed_columns
-from symfive.motion import GAINS, LAG, LAG_OF_ALL, Late, RunMotion, Series, Signal
+from symfive.motion import GAINS, LAGS, Late, RunMotion, Series, Signal
 from symfive.parameters import Parameter
 from symfive.runs import Campaign, Run
 from symfive.screen import OnScreen, plural
@@ -99,11 +99,8 @@ class Model(OnScreen):
                 axis, quantity = place
                 if place in freed:
                     raise InputError(f"two effects free {quantity} of axis {axis}", remedy="keep one of them")
-                if (
-                    quantity in GAINS
-                    and self.machine.axes[axis].drive is None
-                    and not {(axis, LAG), (axis, LAG_OF_ALL)} & frees.keys()
-                ):
+                lagged = any((axis, lag) in frees for lag in LAGS)
+                if quantity in GAINS and self.machine.axes[axis].drive is None and not lagged:
                     raise InputError(
                         f"{effect.key} needs the drive of axis {axis}",
                         remedy=f"add [axes.{axis}.drive] to the machine file",

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from symfive.runs import Run
 
 T = TypeVar("T")
-LAG, LAG_OF_ALL = "lag", "lag of all"
+LAGS = LAG, LAG_OF_ALL = "lag", "lag of all"
 """The quantities of an axis without a drive that can be parameters, s: by so much it follows late, and by so much all do."""
 SMOOTHING_S = 0.03
 
@@ -219,7 +219,7 @@ class RunMotion:
 
     def _lag(self, axis: str) -> tuple[float, tuple[str, ...]]:
         """By how much an axis without a drive follows late, s, and the parameters whose sum that is."""
-        freed = [self._freed[axis, lag] for lag in (LAG, LAG_OF_ALL) if (axis, lag) in self._freed]
+        freed = [self._freed[axis, lag] for lag in LAGS if (axis, lag) in self._freed]
         names = tuple(dict.fromkeys(freed))
         return sum(self.values[name] for name in names), names
 
@@ -333,12 +333,10 @@ class RunMotion:
             return found[:: chords // factor]
 
         found = along_the_curve(run, factor, respond)
-        if not looped:
-            return np.concatenate([found, *[found[:, :, 1:]] * (len(lags) - 1)], axis=2), lags, first
-        if lags:  # the last slope is in the gain, the inverse of the sum of its lags
-            slopes = [-found[:, :, -1:] / tau**2] * len(lags)
-            found = np.concatenate([found[:, :, :-1], *slopes], axis=2)
-        return found, (*wanted.values(), *lags), first
+        if lags:  # the last slope is in their sum, or in the gain of a loop, its inverse
+            slope = found[:, :, -1:] / -(tau**2) if looped else found[:, :, -1:]
+            found = np.concatenate([found[:, :, :-1], *[slope] * len(lags)], axis=2)
+        return found, (*(wanted.values() if looped else ()), *lags), first
 
     def led(self, name: str) -> tuple[Array, Series, int]:
         """Instants, s, and positions of an axis with the motion before the first row, where the recording begins in motion, and
