@@ -97,8 +97,16 @@ def lead(run: Run, command: Array) -> Array:
         return np.zeros(0)
     count = int(np.ceil(LEAD_S / run.interval))
     stride = min(max(1, count // (4 * LEAD_ROWS)), (len(command) - 1) // (LEAD_ROWS - 1))
-    known = stride * np.arange(LEAD_ROWS)
-    return np.asarray(np.polynomial.Polynomial.fit(known, command[known], LEAD_ROWS - 1)(np.arange(-count, 0)))
+    return np.asarray(_backwards(count, stride) @ command[: stride * LEAD_ROWS : stride])
+
+
+@lru_cache(maxsize=16)
+def _backwards(count: int, stride: int) -> Array:
+    """What the polynomial through rows 0, `stride`, … (`LEAD_ROWS` of them) is in so many rows before these (count,
+    LEAD_ROWS): its Lagrange polynomials."""
+    at, rows = np.arange(-count, 0)[:, None] / stride, np.arange(LEAD_ROWS)
+    apart = [[(at - j) / (k - j) for j in rows if j != k] for k in rows]
+    return np.hstack([np.prod(factors, axis=0) for factors in apart])
 
 
 def between(response: Array, place: Array, interval: float) -> tuple[Array, Array]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeVar
 from weakref import WeakKeyDictionary
 
@@ -204,9 +205,10 @@ class RunMotion:
             return AxisMotion(Series(command), Series(command), rest, rest)
         if self._follows(axis):
             return self._driven(axis, command)
+        if is_curved(self.run):
+            return self._along_the_curve(axis, command)
         position = self._earlier(command)
-        slopes = self._of_the_curve(position) if is_curved(self.run) else self._from_row_to_row(position)
-        return AxisMotion(position, position, *slopes)
+        return AxisMotion(position, position, *self._from_row_to_row(position))
 
     def _follows(self, axis: Axis) -> bool:
         """Whether an axis does not follow its command exactly: the machine file states its drive, or a lag is a parameter."""
@@ -223,18 +225,15 @@ class RunMotion:
         names = tuple(dict.fromkeys(freed))
         return sum(self.values[name] for name in names), names
 
-    def _of_the_curve(self, position: Series) -> tuple[Series, Series]:
-        """Velocity and acceleration of the curve between the rows."""
+    def _along_the_curve(self, axis: Axis, command: Array) -> AxisMotion:
+        """The smooth curve through a command as it was `delay` earlier."""
         from scipy.interpolate import CubicSpline
 
-        time = self.run.time
-        curve = CubicSpline(time, np.column_stack([position.value, *position.tangents.values()]))
-
-        def slope(order: int) -> Series:
-            value, *tangents = curve(time, order).T
-            return Series(value, dict(zip(position.tangents, tangents, strict=True)))
-
-        return slope(1), slope(2)
+        time, (at, moves) = self.run.time, self._seen()
+        curve = self._kept(("curve", axis.name), "", (), lambda: CubicSpline(time, command), late=False)
+        position, *rates = (np.asarray(curve(at, order)) * (moves if order else 1.0) for order in range(4))
+        parts = [Series(value, self._slopes(rate)) for value, rate in pairwise([position, *rates])]
+        return AxisMotion(parts[0], *parts)
 
     def _from_row_to_row(self, position: Series) -> tuple[Series, Series]:
         """Velocity and acceleration as differences of the rows."""
@@ -270,11 +269,7 @@ class RunMotion:
         the ends the axis stands; where the recording begins in motion it goes on as it went."""
         if not self._late:
             return Series(column)
-        time = self.run.time
-        at, moves = time - self._delay, np.ones(len(time))
-        if self.run.options.get("start") != "moving":
-            moves = ((at >= time[0]) & (at <= time[-1])).astype(float)
-            at = np.clip(at, time[0], time[-1])
+        time, (at, moves) = self.run.time, self._seen()
         if len(time) < 3:
             slope = np.ptp(column) / np.ptp(time) if len(time) > 1 else 0.0
             return Series(np.interp(at, time, column), self._slopes(slope * moves))
@@ -282,6 +277,15 @@ class RunMotion:
 
         curve = Akima1DInterpolator(time, column, extrapolate=True)
         return Series(np.asarray(curve(at)), self._slopes(np.asarray(curve(at, 1) * moves)))
+
+    def _seen(self) -> tuple[Array, Array]:
+        """The instants, s, of the motion that is seen in each row (N,), and whether (0, 1) they change with the delay."""
+        time = self.run.time
+        at, moves = time - self._delay, np.ones(len(time))
+        if self.run.options.get("start") != "moving":
+            moves = ((at >= time[0]) & (at <= time[-1])).astype(float)
+            at = np.clip(at, time[0], time[-1])
+        return at, moves
 
     def _driven(self, axis: Axis, command: Array) -> AxisMotion:
         delay = self._delay
@@ -310,7 +314,7 @@ class RunMotion:
         )
 
     def _respond(self, axis: Axis, factor: int) -> tuple[Array, tuple[str, ...], int]:
-        run, command = self.run, np.asarray(self.run.commands[axis.name]) * axis.to_internal
+        run, first = self.run, self._commanded(axis, factor)[1]
         wanted = {q: self._freed[axis.name, q] for q in GAINS if (axis.name, q) in self._freed}
         tau, lags = self._lag(axis.name)
         looped = self._looped(axis)
@@ -318,12 +322,10 @@ class RunMotion:
         gains |= {quantity: self.values[name] for quantity, name in wanted.items()}
         if lags and looped:
             gains["position_gain"] = 1.0 / tau
-        commanded, first = finer(run, command, factor)
         quantities = (*wanted, "position_gain") if lags else tuple(wanted)
 
         def respond(chords: int) -> Array:
-            column = commanded if chords == factor else finer(run, command, chords)[0]
-            interval = run.interval / chords
+            column, interval = self._commanded(axis, chords)[0], run.interval / chords
             if not looped:
                 found = lag_response(column, interval, tau, moving=run.options.get("start") == "moving")
             elif quantities:
@@ -337,6 +339,13 @@ class RunMotion:
             slope = found[:, :, -1:] / -(tau**2) if looped else found[:, :, -1:]
             found = np.concatenate([found[:, :, :-1], *[slope] * len(lags)], axis=2)
         return found, (*(wanted.values() if looped else ()), *lags), first
+
+    def _commanded(self, axis: Axis, factor: int) -> tuple[Array, int]:
+        """What an axis is commanded at `factor` instants per interval, with its lead, and the place of the first row."""
+        command = np.asarray(self.run.commands[axis.name]) * axis.to_internal
+        return self._kept(
+            ("commanded", axis.name, factor), "", (), lambda: finer(self.run, command, factor), late=False
+        )
 
     def led(self, name: str) -> tuple[Array, Series, int]:
         """Instants, s, and positions of an axis with the motion before the first row, where the recording begins in motion, and
