@@ -135,21 +135,34 @@ class _Search:
             terms = self.moments.terms
             held = [terms[t] for t, _ in subset]
             full = sum(not term.needs for term in held) >= MOST
-            asked = [not (self.named and (term.effect.unidentified or term.needs)) for term in terms]
             free = [
                 k for k, term in enumerate(terms)
-                if k >= self.moments.held and k not in self.unseen and asked[k] and (term.needs or not full)
+                if k >= self.moments.held and k not in self.unseen and (term.needs or not full)
                 and complete([*held, term]) and not any(term.excludes(h) for h in held)
             ]  # fmt: skip
+            general = [k for k in free if terms[k].effect.unidentified or terms[k].needs]
+            parts = [[k for k in free if k not in set(general)], *([] if self.named else [general])]
             self.see(subset)
-            mass, widths = Sweep.of(self.moments, subset).best(free)
-            if self.blocks[subset]:
-                other, its = Sweep.of(self.moments, subset, self.blocks[subset]).best(free)
-                widths = [b if other[k] > mass[k] else a for k, (a, b) in enumerate(zip(widths, its, strict=True))]
-                mass = np.logaddexp(mass, other) - np.log(2.0)
+            each = [self._swept(subset, part, self.blocks[subset]) for part in parts]
+            free, widths = [k for part in parts for k in part], [width for _, own in each for width in own]
+            mass = np.concatenate([own for own, _ in each])
             prior = [log_prior(self.moments, (*subset, one)) for one in zip(free, widths, strict=True)]
             self.swept[subset] = free, widths, mass + np.array(prior)
         return self.swept[subset]
+
+    def _swept(self, subset: Subset, free: Sequence[int], blocks: Blocks) -> tuple[Array, list[float]]:
+        """Log evidence of a subset with each of the terms that are `free`, and the widths of these."""
+
+        def best(blocks: Blocks) -> tuple[Array, list[float]]:
+            asked = "sweep", subset, tuple(free), blocks
+            return self.moments.once(asked, lambda: Sweep.of(self.moments, subset, blocks).best(free))
+
+        mass, widths = best(())
+        if blocks:
+            other, its = best(blocks)
+            widths = [b if other[k] > mass[k] else a for k, (a, b) in enumerate(zip(widths, its, strict=True))]
+            mass = np.logaddexp(mass, other) - np.log(2.0)
+        return mass, widths
 
     def join(self, subset: Subset, most: int) -> None:
         """The best so many subsets with one term more, each in the width that suits it, and those with both components of a
@@ -195,6 +208,10 @@ def log_prior(moments: Moments, subset: Iterable[Selected]) -> float:
 
 def marginal_evidence(moments: Moments, subset: Subset) -> tuple[float, Blocks]:
     """Log evidence of a subset whose forms may or may not be a little off, the mean of both; the discrepancies, if they help."""
+    return moments.once(("evidence", tuple(subset)), lambda: _marginal(moments, subset))
+
+
+def _marginal(moments: Moments, subset: Subset) -> tuple[float, Blocks]:
     s = equations(moments, subset)
     plain = evidence_of(moments, s)
     blocks = discrepancies(moments, subset, s.at(plain.node, plain.kappa2)) if subset else ()

@@ -7,9 +7,10 @@ eliminated from the sum (priors included).
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Hashable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -23,6 +24,8 @@ from symfive.posterior._tables import Columns, Table, Tables
 from symfive.posterior._terms import Term, terms_of
 
 __all__ = ["Alike", "Columns", "Moments", "moments_of"]
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -70,6 +73,14 @@ class Moments:
     raw: Array
     rows: Array | None = None
     alone: Moments | None = None
+    _known: dict[Hashable, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
+
+    def once(self, what: Hashable, make: Callable[[], T]) -> T:
+        """What `make` finds of these moments; searches ask for the same subsets again."""
+        if what not in self._known:
+            self._known[what] = make()
+        found: T = self._known[what]
+        return found
 
     def about(self, members: Iterable[tuple[int, float]]) -> Moments:
         """The moments that hold for a subset: if it lacks what the fit holds, terms have no slope that they owe to that."""
