@@ -20,11 +20,12 @@ from symfive.posterior._noise import Node
 from symfive.threads import one_thread
 
 __all__ = [
-    "WHITE", "Expansion", "baseline", "expansion", "fitted", "linear_estimate", "over_all", "refitted", "settled",
+    "SEARCHED", "WHITE", "Expansion", "baseline", "expansion", "fitted", "linear_estimate", "over_all", "refitted", "settled",
 ]  # fmt: skip
 
-TOLERANCE = 1e-2
-"""Share of its posterior 1σ by which no parameter moves any more: a hundredth changes no evidence."""
+TOLERANCE, SEARCHED = 1e-2, 0.1
+"""Share of its posterior 1σ by which no parameter moves any more; of fits that are only compared, whose log evidence a tenth
+changes by half its square."""
 WHITE = Node(0.0, 0.0, 0.0)
 """The noise that is declared."""
 
@@ -77,10 +78,11 @@ def baseline(campaign: Campaign) -> Identification:
 
 @one_thread
 def fitted(
-    model: Model, starts: Sequence[Mapping[str, float]], node: Node, kappa2: float, like: Identification | None = None
-) -> Identification:
-    """The fit from the best of some starts. Isolated outliers are excluded; of a fit that is
-    compared with another one `like` it, the same."""
+    model: Model, starts: Sequence[Mapping[str, float]], node: Node, kappa2: float, like: Identification | None = None,
+    tolerance: float = TOLERANCE,
+) -> Identification:  # fmt: skip
+    """The fit from the best of some starts. Isolated outliers are excluded; of a fit that is compared with another one `like`
+    it, the same."""
     problem = like.problem(model) if like is not None else Problem.of(model)
     for key, noise in problem.noises.items():
         problem.noises[key] = replace(node.noise(noise.declared * kappa2**0.5), declared=noise.declared)
@@ -90,9 +92,9 @@ def fitted(
         values = vectors[int(np.argmin(np.nan_to_num(squares, nan=np.inf)))]
         if like is None:
             problem.weigh(values)
-        values, converged = gauss_newton(problem, values, TOLERANCE)
+        values, converged = gauss_newton(problem, values, tolerance)
         if like is None and problem.flag_outliers(problem.survey(values), values):
-            values, converged = gauss_newton(problem, values, TOLERANCE)
+            values, converged = gauss_newton(problem, values, tolerance)
         fit = summarise(problem, values, converged)
     return fit if like is None else replace(fit, outliers=like.outliers)
 
@@ -106,7 +108,8 @@ def refitted(moments: Moments, subset: Subset) -> Expansion:
     at = {name: value for t, _ in subset for name, value in moments.terms[t].form.at.items()}
     starts = [moved, still, {**moved, **at}] if any(moments.terms[t].frees for t, _ in subset) else [moved]
     model, node = Model(moments.fit.model.campaign, effects), moments.nodes[evidence.node]
-    return expansion(fitted(model, starts, node, evidence.kappa2, moments.fit), forms, node, evidence.kappa2)
+    fit = fitted(model, starts, node, evidence.kappa2, moments.fit, SEARCHED)
+    return expansion(fit, forms, node, evidence.kappa2)
 
 
 def linear_estimate(moments: Moments, subset: Subset, evidence: LogEvidence) -> tuple[list[Effect], dict[str, float]]:

@@ -17,7 +17,7 @@ from symfive.model import Model
 from symfive.posterior._about import moments_about
 from symfive.posterior._evidence import SHARE, log_evidence
 from symfive.posterior._explore import Posterior, Subset, explore, held_by, log_prior, marginal_evidence
-from symfive.posterior._fit import WHITE, Expansion, expansion, fitted, refitted, settled
+from symfive.posterior._fit import SEARCHED, WHITE, Expansion, expansion, fitted, refitted, settled
 from symfive.posterior._isolated import log_chance, odd_readings
 from symfive.posterior._moments import Moments, moments_of
 from symfive.posterior._terms import Candidates, Name
@@ -255,7 +255,7 @@ def _reshaped(here: Expansion, number: int, candidates: Candidates) -> Iterator[
             model = Model(here.fit.model.campaign, [f.effect for f in forms])
             places = [form.at for form in candidates.forms if form.at and form.effect == effect]
             starts = [here.fit.named, *({**here.fit.named, **at} for at in places)]
-            trial = fitted(model, starts, here.node, here.kappa2, here.fit)
+            trial = fitted(model, starts, here.node, here.kappa2, here.fit, SEARCHED)
             if _sane(trial):
                 yield expanded(trial, expansion(trial, forms, here.node, here.kappa2).held, candidates)
         except (InputError, np.linalg.LinAlgError):
