@@ -20,10 +20,10 @@ from symfive.errors import InputError
 from symfive.identify import identify
 from symfive.machine import Drive
 from symfive.model import Model
-from symfive.motion import LAG, LAG_OF_ALL, RunMotion, Series
+from symfive.motion import LAG, LAG_OF_ALL, AxisMotion, Late, RunMotion, Series
 from symfive.posterior import Moments, baseline, candidates, log_evidence, moments_of
 
-LAG_S = 0.024
+LAG_S, RATE = 0.024, 0.7
 NONE: Mapping[str, float] = {}
 LOOP = {"velocity_gain": 5e3, "integral_time": 1.0, "viscous": 0.0, "feedforward": 0.0}
 
@@ -196,18 +196,58 @@ def test_where_a_recording_begins_in_motion_the_lag_has_settled(still: Campaign)
     assert followed(still, moving, LAG_S).value == pytest.approx(ramp["Y"] - speed * LAG_S, abs=1e-9)
 
 
-def test_on_a_circle_that_begins_in_motion_the_lag_is_that_of_a_steady_oscillation(still: Campaign) -> None:
-    """Every 1.6°, some rows missing, as ball-bar software exports it: amplitude and phase of 1/(1 + iωτ) from the first row."""
-    run, rate, rows = still.runs[2], 0.7, np.delete(np.arange(225), np.r_[40:45, 150:153])
+def on_a_circle(campaign: Campaign) -> tuple[Run, Array]:
+    """Y = 100·cos(0.7·t) every 1.6°, some rows missing, as ball-bar software exports it, and its time."""
+    run, rows = campaign.runs[2], np.delete(np.arange(225), np.r_[40:45, 150:153])
     time = 0.04 * rows
-    turning = {**run.commands, "Y": 100.0 * np.cos(rate * time)}
-    lagged, phase = 100.0 / np.hypot(1.0, rate * LAG_S), np.arctan(rate * LAG_S)
-    circle = Run(
+    turning = {**run.commands, "Y": 100.0 * np.cos(RATE * time)}
+    return Run(
         id="circle", instrument=run.instrument, sampling="dynamic", time=time, readings={}, table_ball=run.table_ball,
         commands={name: np.resize(way, len(time)) for name, way in turning.items()}, tool_ball=run.tool_ball,
         length=run.length, noise_um=run.noise_um, options={"start": "moving", "between": "curve"},
-    )  # fmt: skip
-    assert followed(still, circle, LAG_S).value == pytest.approx(lagged * np.cos(rate * time - phase), abs=5e-5)
+    ), time  # fmt: skip
+
+
+def test_on_a_circle_that_begins_in_motion_the_lag_is_that_of_a_steady_oscillation(still: Campaign) -> None:
+    """Amplitude and phase of 1/(1 + iωτ) from the first row."""
+    circle, time = on_a_circle(still)
+    lagged, phase = 100.0 / np.hypot(1.0, RATE * LAG_S), np.arctan(RATE * LAG_S)
+    assert followed(still, circle, LAG_S).value == pytest.approx(lagged * np.cos(RATE * time - phase), abs=5e-5)
+
+
+@pytest.mark.parametrize("lags", [{}, {"lag": LAG_S}, {"lag": LAG_S, "velocity_gain": 350.0}])
+def test_an_early_clock_sees_how_the_motion_goes_on_behind_the_last_row(
+    still: Campaign, lags: dict[str, float]
+) -> None:
+    """30 ms early, of an axis that follows exactly, late by a lag, and late by a loop, with its velocity and acceleration."""
+    circle, time = on_a_circle(still)
+    freed = {("Y", LAG if name == "lag" else name): name for name in lags}
+    if "velocity_gain" in lags:
+        lags = lags | {"integral_time": 0.05, "viscous": 5.0}
+        freed |= {("Y", name): name for name in ("integral_time", "viscous")}
+
+    def seen(delay: float, **values: float) -> AxisMotion:
+        late = Late(delay, clocks=("clock",))
+        return RunMotion(circle, still.machine, freed, lags | values, late).axis("Y")
+
+    s = 1j * RATE
+    if "velocity_gain" in lags:
+        speed = 350.0 * (1.0 + 1.0 / (0.05 * s))
+        answer = speed / LAG_S / (s**2 + 5.0 * s + speed * (s + 1.0 / LAG_S))
+    else:
+        answer = 1.0 / (1.0 + s * lags.get("lag", 0.0))
+    motion, turning = seen(-0.03), 100.0 * answer * np.exp(s * (time + 0.03))
+    parts = zip(("position", "velocity", "acceleration"), (1e-4, 2e-3, 0.1), strict=True)
+    for order, (part, near) in enumerate(parts):
+        found: Series = getattr(motion, part)
+        assert found.value == pytest.approx((s**order * turning).real, abs=near), part
+        for name in found.tangents:
+            h = 1e-5 if name == "clock" else 1e-3 * lags[name]
+            up = seen(-0.03 + h) if name == "clock" else seen(-0.03, **{name: lags[name] + h})
+            down = seen(-0.03 - h) if name == "clock" else seen(-0.03, **{name: lags[name] - h})
+            slope = (getattr(up, part).value - getattr(down, part).value) / (2.0 * h)
+            size = max(float(np.abs(slope).max()), 1e-6)
+            assert found.tangents[name] == pytest.approx(slope, abs=1e-2 * size), (part, name)
 
 
 @pytest.mark.parametrize("interval", [0.002, 0.005, 0.01])

@@ -34,6 +34,11 @@ def is_curved(run: Run) -> bool:
     return run.options.get("between") == "curve" and run.rows > 3
 
 
+def is_moving(run: Run) -> bool:
+    """Whether a recording begins and ends in motion."""
+    return run.options.get("start") == "moving"
+
+
 def is_told_by_rows(run: Run) -> bool:
     """Whether the axes follow a curve between the rows of a run, of which these are all that is known."""
     return run.dynamic and is_curved(run) and not run.pieces and not run.encoder_is_motion
@@ -75,11 +80,15 @@ def along_the_curve(run: Run, factor: int, respond: Callable[[int], Array]) -> A
 
 
 def finer(run: Run, column: Array, factor: int) -> tuple[Array, int]:
-    """What is commanded at `factor` instants per interval, without gaps and with its lead, and the place of the first row."""
+    """What is commanded at `factor` instants per interval, without gaps, with what came before and comes after, and the place of
+    the first row."""
     if len(column) != run.steps[-1] + 1:
         column = _whole(run.steps.tobytes(), np.ascontiguousarray(column).tobytes())
-    before = lead(run, column)
-    column, first = np.concatenate([before, column]), len(before)
+    before, after = (
+        lead(run, column),
+        lead(run, column[::-1])[::-1],
+    )  # an early clock sees what comes after the last row
+    column, first = np.concatenate([before, column, after]), len(before)
     if factor == 1:
         return column, first
     at, rows = np.arange((len(column) - 1) * factor + 1) / factor, np.arange(len(column))
@@ -90,10 +99,22 @@ def finer(run: Run, column: Array, factor: int) -> tuple[Array, int]:
     return np.asarray(CubicSpline(rows, column)(at)), first * factor
 
 
+def pieces_of(run: Run, column: Array) -> tuple[Array, int]:
+    """What is commanded between rows without gaps, as `finer` says: cubics (4, N - 1) by powers of the time since the row, s, and
+    the place of the first row."""
+    column, first = finer(run, column, 1)
+    if not is_curved(run):
+        still = np.zeros(len(column) - 1)
+        return np.stack([column[:-1], np.diff(column) / run.interval, still, still]), first
+    from scipy.interpolate import CubicSpline
+
+    return np.array(CubicSpline(run.interval * np.arange(len(column)), column).c[::-1]), first
+
+
 def lead(run: Run, command: Array) -> Array:
     """What a programme commanded before the first row where the recording begins in motion (`start = "moving"`): its first rows
     carried on backwards as a polynomial, for so long that the drive has forgotten how that began."""
-    if run.options.get("start") != "moving" or len(command) < LEAD_ROWS:
+    if not is_moving(run) or len(command) < LEAD_ROWS:
         return np.zeros(0)
     count = int(np.ceil(LEAD_S / run.interval))
     stride = min(max(1, count // (4 * LEAD_ROWS)), (len(command) - 1) // (LEAD_ROWS - 1))

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Literal
-
 import numpy as np
 
 from symfive.arrays import Array
@@ -27,26 +25,49 @@ def first_order_slope(given: Array, lagged: Array, steps: Array, tau: float) -> 
     return _followed(weights[:, 0], moved)
 
 
-def lag_response(command: Array, interval: float, tau: float, *, moving: bool) -> Array:
-    """Motion of an axis that follows late by `tau` s and its slope in that, as of `drive_response`: (N, 3, 2).
+def lag_response(pieces: Array, interval: float, tau: float, place: Array, *, settled: bool) -> tuple[Array, Array]:
+    """Position, velocity and acceleration of an axis that follows late by `tau` s, each with its slope in that (n, 3, 2), and the
+    change of the three in a second (n, 3), at the `place` (n,) among rows `interval` s apart.
 
-    `command` (N,) `interval` s apart. The axis stands on the first one; where it is `moving` the lag has settled.
+    Between rows the command is a cubic p each, `pieces` (4, N - 1) by powers of the time since the row, s. A lag makes
+    p - τ·p' + τ²·p" - τ³·p"' of it, and by what that jumps from one to the next the axis is off, a share exp(-t/τ) of it after t.
+    It stands on the first row, unless the lag has `settled`, and beyond both ends.
     """
     from scipy.signal import lfilter
 
-    (weights,), (slopes,) = _hold(np.array([interval]), tau)
-    speed, fade = float(command[1] - command[0]) / interval if moving else 0.0, [1.0, -weights[0]]
-    rest = command - command[0] - speed * interval * np.arange(len(command))
-    lagged = lfilter(weights[1:], fade, rest)
-    forcing = slopes[1] * rest
-    forcing[1:] += slopes[0] * lagged[:-1] + slopes[2] * rest[:-1]
-    order: Literal[1, 2] = 2 if len(command) > 2 else 1
-    found = np.empty((len(command), 3, 2))
-    found[:, 0, 0] = command - rest + lagged - tau * speed
-    found[:, 0, 1] = lfilter([1.0], fade, forcing) - speed
-    for k in (1, 2):
-        found[:, k] = np.gradient(found[:, k - 1], interval, axis=0, edge_order=order)
-    return found
+    inside = (place >= 0.0) & (place <= pieces.shape[1])
+    place = np.clip(place, 0.0, pieces.shape[1])
+    row = np.minimum(place.astype(np.int64), pieces.shape[1] - 1)
+    powers, changes = np.array([1.0, -tau, tau**2, -(tau**3)]), np.array([0.0, -1.0, 2.0 * tau, -3.0 * tau**2])
+    given = _derivatives(pieces[:, row], (place - row) * interval)
+    motion, rate = np.empty((len(place), 3, 2)), np.empty((len(place), 3))
+    for k in range(3):
+        motion[:, k, 0], motion[:, k, 1] = powers[: 4 - k] @ given[k:], changes[: 4 - k] @ given[k:]
+        rate[:, k] = powers[: 3 - k] @ given[k + 1 :]
+    if tau > 0.0:
+        begin, end = _derivatives(pieces, 0.0), _derivatives(pieces[:, :-1], interval)
+        jump = np.column_stack([np.zeros(4) if settled else [0.0, *-begin[1:, 0]], end - begin[:, 1:]])
+        keep = np.exp(-interval / tau)
+        off = lfilter([1.0], [1.0, -keep], powers @ jump)
+        forcing = changes @ jump
+        forcing[1:] += keep * interval / tau**2 * off[:-1]
+        since = (place - row) * interval
+        fades = np.exp(-since / tau)
+        left = off[row] * fades
+        change = lfilter([1.0], [1.0, -keep], forcing)[row] * fades + left * since / tau**2
+        for k in range(3):
+            motion[:, k, 0] += left * (-1.0 / tau) ** k
+            motion[:, k, 1] += (change - left * k / tau) * (-1.0 / tau) ** k
+            rate[:, k] += left * (-1.0 / tau) ** (k + 1)
+    return motion, rate * inside[:, None]
+
+
+def _derivatives(pieces: Array, since: Array | float) -> Array:
+    """Cubics (4, n) and their three derivatives, `since` (n,) s behind the row of each: (4, n)."""
+    a, b, c, d = pieces
+    return np.stack([
+        a + since * (b + since * (c + since * d)), b + since * (2.0 * c + 3.0 * since * d), 2.0 * c + 6.0 * since * d, 6.0 * d,
+    ])  # fmt: skip
 
 
 def _weighed(weights: Array, *tables: Array) -> Array:

@@ -5,14 +5,23 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
-from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeVar
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from symfive.arrays import Array, Indices
-from symfive.motion._between_rows import LEAD_ROWS, along_the_curve, between, finer, instants, is_curved, lead
+from symfive.motion._between_rows import (
+    LEAD_ROWS,
+    along_the_curve,
+    between,
+    finer,
+    instants,
+    is_curved,
+    is_moving,
+    lead,
+    pieces_of,
+)
 from symfive.motion._drives import GAINS, drive_response
 from symfive.motion._first_order import lag_response
 from symfive.motion._gaps import programme_of
@@ -203,16 +212,12 @@ class RunMotion:
             return self._smoothed(Series(command), self._earlier(measured))
         if not self.run.dynamic or np.all(command == command[0]):
             return AxisMotion(Series(command), Series(command), rest, rest)
-        if self._follows(axis):
+        if self._looped(axis):
             return self._driven(axis, command)
-        if is_curved(self.run):
-            return self._along_the_curve(axis, command)
+        if is_curved(self.run) or self._lag(axis.name)[1]:
+            return self._following(axis, command)
         position = self._earlier(command)
         return AxisMotion(position, position, *self._from_row_to_row(position))
-
-    def _follows(self, axis: Axis) -> bool:
-        """Whether an axis does not follow its command exactly: the machine file states its drive, or a lag is a parameter."""
-        return axis.drive is not None or bool(self._lag(axis.name)[1])
 
     def _looped(self, axis: Axis) -> bool:
         """Whether it moves as a position loop about a velocity loop: that of its drive, or one that parameters make up."""
@@ -225,15 +230,19 @@ class RunMotion:
         names = tuple(dict.fromkeys(freed))
         return sum(self.values[name] for name in names), names
 
-    def _along_the_curve(self, axis: Axis, command: Array) -> AxisMotion:
-        """The smooth curve through a command as it was `delay` earlier."""
-        from scipy.interpolate import CubicSpline
-
-        time, (at, moves) = self.run.time, self._seen()
-        curve = self._kept(("curve", axis.name), "", (), lambda: CubicSpline(time, command), late=False)
-        position, *rates = (np.asarray(curve(at, order)) * (moves if order else 1.0) for order in range(4))
-        parts = [Series(value, self._slopes(rate)) for value, rate in pairwise([position, *rates])]
-        return AxisMotion(parts[0], *parts)
+    def _following(self, axis: Axis, command: Array) -> AxisMotion:
+        """An axis without a drive along its command, late by its lags. Where that goes straight from row to row, velocities are
+        differences of the rows, as without a lag: what is commanded between them is not known."""
+        tau, lags = self._lag(axis.name)
+        pieces, first = self._kept(("pieces", axis.name), "", (), lambda: pieces_of(self.run, command), late=False)
+        place = first + np.asarray(self.run.steps - self._delay / self.run.interval)
+        motion, rates = lag_response(pieces, self.run.interval, tau, place, settled=is_moving(self.run))
+        parts = [
+            Series(motion[:, k, 0], dict.fromkeys(lags, motion[:, k, 1]) | self._slopes(rates[:, k])) for k in range(3)
+        ]
+        if not is_curved(self.run):
+            parts[1:] = self._from_row_to_row(parts[0])
+        return AxisMotion(Series(command) if lags else parts[0], *parts)
 
     def _from_row_to_row(self, position: Series) -> tuple[Series, Series]:
         """Velocity and acceleration as differences of the rows."""
@@ -269,7 +278,11 @@ class RunMotion:
         the ends the axis stands; where the recording begins in motion it goes on as it went."""
         if not self._late:
             return Series(column)
-        time, (at, moves) = self.run.time, self._seen()
+        time = self.run.time
+        at, moves = time - self._delay, np.ones(len(time))
+        if not is_moving(self.run):
+            moves = ((at >= time[0]) & (at <= time[-1])).astype(float)
+            at = np.clip(at, time[0], time[-1])
         if len(time) < 3:
             slope = np.ptp(column) / np.ptp(time) if len(time) > 1 else 0.0
             return Series(np.interp(at, time, column), self._slopes(slope * moves))
@@ -277,15 +290,6 @@ class RunMotion:
 
         curve = Akima1DInterpolator(time, column, extrapolate=True)
         return Series(np.asarray(curve(at)), self._slopes(np.asarray(curve(at, 1) * moves)))
-
-    def _seen(self) -> tuple[Array, Array]:
-        """The instants, s, of the motion that is seen in each row (N,), and whether (0, 1) they change with the delay."""
-        time = self.run.time
-        at, moves = time - self._delay, np.ones(len(time))
-        if self.run.options.get("start") != "moving":
-            moves = ((at >= time[0]) & (at <= time[-1])).astype(float)
-            at = np.clip(at, time[0], time[-1])
-        return at, moves
 
     def _driven(self, axis: Axis, command: Array) -> AxisMotion:
         delay = self._delay
@@ -305,10 +309,8 @@ class RunMotion:
         return AxisMotion(Series(command), *parts)
 
     def _response(self, axis: Axis, factor: int) -> tuple[Array, tuple[str, ...], int]:
-        """The drive's motion at `factor` instants per interval, without gaps and with its lead, the parameters of its
-        derivatives, and the place of the first row; no delay is in it. That of a lag costs little, and would fill the memory."""
-        if not self._looped(axis):
-            return self._respond(axis, factor)
+        """The drive's motion at `factor` instants per interval, as `finer` has them, the parameters of its derivatives, and the
+        place of the first row; no delay is in it."""
         return self._kept(
             ("response", axis.name, factor), axis.name, (), lambda: self._respond(axis, factor), late=False
         )
@@ -317,31 +319,28 @@ class RunMotion:
         run, first = self.run, self._commanded(axis, factor)[1]
         wanted = {q: self._freed[axis.name, q] for q in GAINS if (axis.name, q) in self._freed}
         tau, lags = self._lag(axis.name)
-        looped = self._looped(axis)
         gains = {quantity: float(getattr(axis.drive, quantity, 0.0)) for quantity in LOOP}
         gains |= {quantity: self.values[name] for quantity, name in wanted.items()}
-        if lags and looped:
+        quantities = tuple(wanted)
+        if lags:
             gains["position_gain"] = 1.0 / tau
-        quantities = (*wanted, "position_gain") if lags else tuple(wanted)
+            quantities = (*quantities, "position_gain")
 
         def respond(chords: int) -> Array:
             column, interval = self._commanded(axis, chords)[0], run.interval / chords
-            if not looped:
-                found = lag_response(column, interval, tau, moving=run.options.get("start") == "moving")
-            elif quantities:
+            if quantities:
                 found = drive_response(column, interval, gains, quantities)
             else:
                 found = _remembered(column.tobytes(), interval, tuple(sorted(gains.items())))
             return found[:: chords // factor]
 
         found = along_the_curve(run, factor, respond)
-        if lags:  # the last slope is in their sum, or in the gain of a loop, its inverse
-            slope = found[:, :, -1:] / -(tau**2) if looped else found[:, :, -1:]
-            found = np.concatenate([found[:, :, :-1], *[slope] * len(lags)], axis=2)
-        return found, (*(wanted.values() if looped else ()), *lags), first
+        if lags:  # the last slope is in a gain, the inverse of their sum
+            found = np.concatenate([found[:, :, :-1], *[found[:, :, -1:] / -(tau**2)] * len(lags)], axis=2)
+        return found, (*wanted.values(), *lags), first
 
     def _commanded(self, axis: Axis, factor: int) -> tuple[Array, int]:
-        """What an axis is commanded at `factor` instants per interval, with its lead, and the place of the first row."""
+        """What an axis is commanded at `factor` instants per interval, and the place of the first row, as `finer` says."""
         command = np.asarray(self.run.commands[axis.name]) * axis.to_internal
         return self._kept(
             ("commanded", axis.name, factor), "", (), lambda: finer(self.run, command, factor), late=False
@@ -367,8 +366,7 @@ class RunMotion:
     def _finely(self, name: str, factor: int) -> tuple[Series, Indices, float]:
         axis, motion = self.machine.axes[name], self.axis(name)
         rows, fine = self.run.steps * factor, np.arange(self.run.steps[-1] * factor + 1)
-        driven = self._follows(axis) and self.recorded(name) is None
-        if driven and np.ptp(motion.command.value):
+        if self._looped(axis) and self.recorded(name) is None and np.ptp(motion.command.value):
             whole, names, first = self._response(axis, factor)
             response = whole[first:]
             series = Series(response[:, 2, 0], {n: response[:, 2, 1 + i] for i, n in enumerate(names)})
