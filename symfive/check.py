@@ -95,7 +95,7 @@ def check(path: Path | str) -> Check:
     unknown = [key for key in unknown_keys(machine) if key not in named] if machine else []
     notes = tuple(unknown_notes(unknown))
     if machine is not None and runs and not found:
-        from symfive.plausible import doubts
+        from symfive.plausible import doubts, out_of_reach
 
         campaign = Campaign(machine=machine, runs=runs)
         try:
@@ -108,8 +108,17 @@ def check(path: Path | str) -> Check:
                 elif all(parameter.of_setup for parameter in free):
                     notes += ("no error is declared, so that only the set-up of the runs can be identified",)
             notes += doubts(campaign)
+            found += [
+                InputError(problem, path=_campaign_path(path), remedy=remedy, keys=("run", number))
+                for number, run in enumerate(runs)
+                for problem, remedy in out_of_reach(machine, run)
+            ]
         except InputError as error:
             found = [error]
+    elif machine is not None and not found:
+        from symfive.plausible import beyond_travel
+
+        notes += beyond_travel(machine)
     return Check(path, machine, runs, tuple(found), notes)
 
 
@@ -148,6 +157,10 @@ def _is_campaign(path: Path) -> bool:
 
 def _machine_path(path: Path) -> Path:
     return path / "machine.toml" if path.is_dir() else path
+
+
+def _campaign_path(path: Path) -> Path:
+    return path / "campaign.toml" if path.is_dir() else path
 
 
 def _concerns_errors(error: InputError) -> bool:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from symfive.arrays import Array
 from symfive.instruments import BallInstrument, ball_instrument
 from symfive.machine import Machine, designed_ball
 from symfive.numbers import plain_number
-from symfive.runs import Campaign, Run
+from symfive.runs import FIRST_LINE, Campaign, Run
 
 TINY, SLIP = 0.1, 10.0
 """Readings that scatter by less than this part of their noise; an axis faster than its max_feed by this factor (slips of
@@ -45,6 +46,70 @@ def unreadable(campaign: Campaign) -> tuple[str, str] | None:
         if said := _another_path(machine, run):
             return said
     return None
+
+
+def out_of_reach(machine: Machine, run: Run) -> Iterator[tuple[str, str]]:
+    """Of a plan: every linear axis that would leave its travel if the balls stood where the file says, at its worst row, and the
+    remedy. A bar points to where the commands bring its other ball."""
+    if run.measured or ball_instrument(run) is None:
+        return
+    place = np.broadcast_to(run.table_ball, (run.rows, 3))
+    if run.length is not None:
+        way = designed_ball(machine, run.commands, run.tool_ball) - place
+        place = place + run.length * way / np.maximum(np.linalg.norm(way, axis=1, keepdims=True), ROUNDING)
+    for name, at in _followed(machine, run.commands, run.tool_ball, place).items():
+        off, end = _beyond_travel(machine, name, at)
+        row = int(np.argmax(off))
+        if off[row] > ROUNDING:
+            balls = f"table_ball {list(run.table_ball)} and tool_ball {list(run.tool_ball)}"
+            yield (
+                f"run {run.id}, line {row + FIRST_LINE} of {run.file}: {balls} need {name} at {at[row]:.6g} mm, its travel ends "
+                f"at {end[row]:g} mm",
+                f"place the balls within reach and plan again, or correct the travel of {name}",
+            )
+
+
+def beyond_travel(machine: Machine) -> tuple[str, ...]:
+    """Ends of ball_height and tool_length that no length, and no height, brings within reach over the table's centre."""
+    workspace, found = machine.workspace, dict[str, list[tuple[float, str]]]()
+    if workspace.ball_height is None or workspace.tool_length is None:
+        return ()
+    home = {name: np.array([machine.home(name)]) for name in machine.axes}
+    for height, tool in itertools.product(workspace.ball_height, workspace.tool_length):
+        needed = _followed(machine, home, (0.0, 0.0, -tool), np.array([[*machine.table_centre, height]]))
+        worst = (0.0, "")
+        for name, at in needed.items():
+            off, end = _beyond_travel(machine, name, at)
+            said = f"over the table's centre needs {name} at {at[0]:.6g} mm, its travel ends at {end[0]:g} mm"
+            worst = max(worst, (float(off[0]), said))
+        for pair in (
+            (f"ball_height = {height:g}", f"a tool of {tool:g}"),
+            (f"tool_length = {tool:g}", f"a ball at {height:g}"),
+        ):
+            found.setdefault(pair[0], []).append((worst[0], f"{pair[0]} mm with {pair[1]} mm {worst[1]}"))
+    return tuple(said for off, said in map(min, found.values()) if off > ROUNDING)
+
+
+def _beyond_travel(machine: Machine, name: str, at: Array) -> tuple[Array, Array]:
+    """How far positions (N,) are beyond the travel of an axis, and its end there."""
+    low, high = machine.axes[name].travel
+    return np.maximum(low - at, at - high), np.where(at > high, high, low)
+
+
+def _followed(
+    machine: Machine, commands: Mapping[str, Array], tool_ball: tuple[float, ...], place: Array
+) -> dict[str, Array]:
+    """Positions (N,) of the linear axes with the tool's ball at places (N, 3) of the workpiece frame, all others as commanded;
+    nothing where they do not span space."""
+    here, slopes = designed_ball(machine, commands, tool_ball), dict[str, Array]()
+    for name in machine.linear_axes:
+        one = designed_ball(machine, {**commands, name: commands[name] + 1.0}, tool_ball) - here
+        if np.linalg.matrix_rank(np.stack([*(slope[0] for slope in slopes.values()), one[0]]), tol=1e-6) > len(slopes):
+            slopes[name] = one
+    if len(slopes) < 3:
+        return {}
+    change = np.linalg.solve(np.stack([*slopes.values()], axis=2), (place - here)[:, :, None])[:, :, 0]
+    return {name: commands[name] + change[:, i] for i, name in enumerate(slopes)}
 
 
 def _begun(campaign: Campaign) -> Iterator[Run]:

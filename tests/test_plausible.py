@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from symfive.campaign import Campaign, read_campaign
+from symfive.campaign import Campaign, read_campaign, write_campaign
 from symfive.check import check
 from symfive.diagnose import diagnose
 from symfive.errors import InputError
-from symfive.machine import designed_ball, preset, presets
-from symfive.plausible import doubts, unreadable
-from symfive.procedures import Nominal, campaign_of, planar_circle
+from symfive.machine import designed_ball, preset, presets, write_machine
+from symfive.plausible import beyond_travel, doubts, out_of_reach, unreadable
+from symfive.procedures import Nominal, campaign_of, planar_circle, r_test_grid, static_ball_bar
 from symfive.simulate import simulate
 
 CAMPAIGNS = Path(__file__).parent / "data" / "campaigns"
@@ -124,3 +124,35 @@ def test_a_grid_encoder_reads_positions():
         campaign = replace(plan, runs=(circle.with_readings(wrong),))
         problem, remedy = unreadable(campaign)
         assert "do not follow the path" in problem and f"{problem}; {remedy}" in doubts(campaign)
+
+
+def test_a_ball_that_an_axis_cannot_reach_is_a_problem_of_the_plan(tmp_path):
+    """The nest was put higher than planned and its file corrected: Z would have to go up with it, by as much."""
+    machine = preset("table-bc")
+    runs = r_test_grid(machine, grid={"B": (0.0,), "C": (0.0, 90.0)}, nests=((60.0, 0.0, 80.0),), returning=False)
+    write_campaign(campaign_of(machine, runs), tmp_path / "plan")
+    assert check(tmp_path / "plan").right
+    file, highest = tmp_path / "plan" / "campaign.toml", machine.axes["Z"].travel[1]
+    needed = float(runs[0].commands["Z"][0]) + 300.0
+    assert needed > highest
+    file.write_text(file.read_text().replace("[60.0, 0.0, 80.0]", "[60.0, 0.0, 380.0]"))
+    (problem,) = check(tmp_path / "plan").problems
+    assert f"line 2 of {runs[0].file}" in str(problem)
+    assert f"Z at {needed:g} mm, its travel ends at {highest:g} mm" in str(problem)
+    bar = replace(static_ball_bar(machine)[0], table_ball=(0.0, 0.0, 700.0))
+    assert any("need Z at" in said for said, _ in out_of_reach(machine, bar))
+    assert not [*out_of_reach(machine, static_ball_bar(machine)[0])]
+
+
+def test_heights_and_tools_out_of_reach_are_said_of_the_machine(tmp_path):
+    machine = preset("table-bc")
+    assert beyond_travel(machine) == ()
+    write_machine(
+        replace(machine, workspace=replace(machine.workspace, ball_height=(40.0, 900.0)), text=""),
+        tmp_path / "machine.toml",
+    )
+    (said,) = check(tmp_path / "machine.toml").notes
+    assert said == (
+        "ball_height = 900 mm with a tool of 100 mm over the table's centre needs Z at 1000 mm, its travel ends at 450 mm"
+    )
+    assert all(beyond_travel(preset(name)) == () for name in presets())
