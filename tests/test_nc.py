@@ -151,6 +151,25 @@ def test_datum_and_tool_offset_are_called_and_cancelled_before_the_first_move(di
     assert not re.search("TRAFOOF|ROTOF", program(three, circle, "siemens"))
 
 
+@pytest.mark.parametrize(
+    ("dialect", "left"),
+    [("iso", "G52, G92"), ("siemens", "basic frame"), ("heidenhain", "mirror image"), ("linuxcnc", "rotation R")],
+)
+def test_the_head_names_what_another_program_may_have_left_on(dialect: str, left: str) -> None:
+    """The program cancels what has the same word on every control of its kind; the rest shifts or mirrors its first move."""
+    assert left.lower() in _comments(program(*RUNS[0], dialect).splitlines(), dialect)
+
+
+def test_the_head_speaks_of_what_is_there() -> None:
+    """An R-test has no bar, a bar no nest."""
+    heads = {
+        name: _comments(program(*RUNS[i], "iso", Post(tested=True)).splitlines(), "iso")
+        for name, i in (("nest", 0), ("bar", 2))
+    }
+    assert "post and table as" in heads["nest"] and "sensors of the nest" in heads["nest"]
+    assert "post, bar and table as" in heads["bar"] and "nest" not in heads["bar"]
+
+
 def test_heidenhain_calls_no_tool_before_the_operator_was_asked() -> None:
     """TOOL CALL 0 unloads the spindle on some machines, with the ball in it."""
     lines = [line.split(" ", 1)[1] for line in program(*RUNS[0], "heidenhain").splitlines()]

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from symfive.campaign import Run
 from symfive.errors import InputError, among
-from symfive.instruments import instruments_of, mounted
+from symfive.instruments import has_bar, mounted
 from symfive.machine import Machine
 from symfive.nc._arc import circle_of
 from symfive.nc._route import Way
@@ -24,10 +24,6 @@ UNCHECKED = "Collisions were not checked"
 CARE = "Run the program slowly, one hand on the feed override."
 RECORDED = "Measure at feed override 100 percent: the feed is part of the result."
 """Instead, where the readings are those of a path at its feed."""
-TESTED = (
-    "Tested: spindle nose, tool, post, table and bar as simple bodies, at every pose and on every move after the stop before the "
-    "first one."
-)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,7 +98,10 @@ def collision_warning(machine: Machine, post: Post, runs: Sequence[Run]) -> tupl
         return f"{UNCHECKED}: the machine file names no spindle nose.", care
     if not post.tested:
         return f"{UNCHECKED} for the path of this program.", care
-    return TESTED, f"Not tested: {', '.join(_untested(machine, runs))}.", *((RECORDED,) if recorded else ())
+    bodies = "post, bar and table" if any(map(has_bar, runs)) else "post and table"
+    where = "at every pose and on every move after the stop before the first one"
+    tested = f"Tested: spindle nose, tool, {bodies} as simple bodies, {where}."
+    return tested, f"Not tested: {', '.join(_untested(machine, runs))}.", *((RECORDED,) if recorded else ())
 
 
 def _untested(machine: Machine, runs: Sequence[Run]) -> list[str]:
@@ -111,14 +110,14 @@ def _untested(machine: Machine, runs: Sequence[Run]) -> list[str]:
     above = [name for name in machine.structure.tool if machine.axes[name].rotary]
     cradle = [f"cradle and drives of {', '.join(below)}"] if below else []
     head = [f"the head of {', '.join(above)} above the spindle nose"] if above else []
-    held = {instrument.in_spindle(run) for run in runs for instrument in instruments_of(run)}
-    sensors = next((word for word in held if word.endswith("head")), "nest")
+    mounts = dict.fromkeys(word for run in runs for word in mounted(run))
+    sensors = [f"sensors of the {word}" for word in mounts if word.endswith(("nest", "head"))]
     return [
         *cradle,
         *head,
         "clamps",
         "cables",
-        f"sensors of the {sensors}",
+        *sensors,
         "covers",
         "the first moves from the start position",
     ]

@@ -17,6 +17,7 @@ from symfive.nc._post import Post
 from symfive.nc._touch import NO_CONTACT, ON_ITS_WAY, Move, Touch
 
 MASK = "TOUCHES.A"
+LEFT = ". What the program before left must be off: mirror image, rotation, scaling (cycles 8, 10, 11, 26)"
 
 
 def _arc(arc: Block) -> list[str]:
@@ -65,7 +66,8 @@ def _prepared(dialect: Dialect, post: Post) -> Dialect:
         dialect,
         after_first_stop=(call, "CYCL DEF 7.0 DATUM SHIFT", "CYCL DEF 7.1 Z-Q114"),
         end=("TRANS DATUM RESET", *last, *lines, end),
-        datum=f"cycle 247 calls datum 1; {call}: the touch probe, in the spindle before; the shift by Q114 takes its length out",
+        datum=f"cycle 247 calls datum 1; {call}: the touch probe, in the spindle before; the shift by Q114 takes its length "
+        f"out{LEFT}",
     )
 
 
@@ -97,7 +99,7 @@ HEIDENHAIN = Dialect(
     orient=("CYCL DEF 13.0 ORIENTATION", "CYCL DEF 13.1 ANGLE {angle}", "M19"),
     comment="; {text}",
     datum="cycle 247 calls datum 1; TOOL CALL 0 after the first stop: no tool length; if it unloads the spindle on your machine, "
-    "delete the line and call the ball's tool with L = 0",
+    "delete the line and call the ball's tool with L = 0" + LEFT,
     tool_centre_example="FUNCTION TCPM F TCP AXIS POS PATHCTRL AXIS after your TOOL CALL, and FUNCTION RESET TCPM",
     inverse_time=False,
     numbered=True,

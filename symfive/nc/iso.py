@@ -63,7 +63,8 @@ ISO = Dialect(
     retract=("G49", "G91 G28 {axis}0.", "G90"),
     orient=("#3006=1(TURN SPINDLE TO {angle} DEG)",),
     comment="({text})",
-    datum="G54 calls the datum, G49: no tool length offset",
+    datum="G54 calls the datum, G49: no tool length offset. What the program before left must be zero or off: G52, G92, external "
+    "offset, scaling (G51), mirror image",
     upper=True,
     digits=8,
     tool_centre=("G1 G43.4 H{tool} {words} F1", "G1 G49 {words} F1"),
