@@ -17,8 +17,8 @@ from symfive.design._space import make_space  # as above
 from symfive.errors import InputError
 from symfive.machine import Machine
 from symfive.moves import Ways, blocked_moves, cleared, least_elevation
-from symfive.nc import Post, Step, arrival_times, program, program_steps, top_of
-from symfive.procedures import r_test_grid, static_ball_bar
+from symfive.nc import Post, Step, arrival_times, program, program_steps, retract_words, rotary_ranges, top_of
+from symfive.procedures import planar_circle, r_test_grid, static_ball_bar
 
 
 def _with_travel(machine: Machine, axis: str, low: float, high: float) -> Machine:
@@ -71,6 +71,17 @@ def test_a_pose_without_travel_to_draw_back_is_refused_not_written() -> None:
         program_steps(low, run, Post(unsafe={run.id: (1,)}))
     with pytest.raises(InputError, match="on every exit path from the pose of line 2; what helps"):
         cleared(low, (run,), {})
+
+
+@pytest.mark.parametrize(("left", "drawn"), [(70.0, 50), (40.0, 35), (27.0, 25)])
+def test_what_the_travel_leaves_decides_how_far_the_tool_is_drawn_back(left: float, drawn: int) -> None:
+    """A pose with less than 50 mm of travel above it had no way out, although its ball needs 15 mm off its nest."""
+    run = _grid((0.0,), (0.0, 90.0), (0.0, 0.0, 100.0))
+    kept = OYAMA.workspace.clearance
+    low = _with_travel(OYAMA, "Z", -100.0, float(run.commands["Z"].max()) + left + kept)
+    post = cleared(low, (run,), {})
+    assert f"BALL {drawn} MM FROM POSE 1?" in program(low, run, "iso", post)
+    assert retract_words(low, run, post) == f"The program draws the tool back by {drawn} mm"
 
 
 @pytest.mark.slow
@@ -241,6 +252,20 @@ def test_the_sheet_says_what_the_program_says(made: Plan, tmp_path) -> None:
         assert said in page.replace("&#x27;", "'") and said in head, said
     assert "First moves, not checked for collisions: Z alone to the top of its travel, machine coordinate 0" in page
     assert "no tool offset, the control shows X" in page
+
+
+def test_the_sheet_and_the_head_say_how_far_each_rotary_axis_turns(few: Run) -> None:
+    """Hoses and the control's roll-over: home and positions on the way count, an axis that stands still does not."""
+    post = Post(via={few.id: {1: ({**{n: float(q[0]) for n, q in few.commands.items()}, "C": 250.0},)}})
+    low, high = min(0.0, few.commands["B"].min()), max(0.0, few.commands["B"].max())
+    said = rotary_ranges(TABLE, few, post)
+    assert f"B from {low:g}° to {high:g}°" in said and "to 250°" in said
+    turned = replace(post, reversed_axes=("B",))
+    assert f"B from {-high:g}° to {-low:g}°" in rotary_ranges(TABLE, few, turned)
+    assert rotary_ranges(TABLE, planar_circle(TABLE)[0], Post()) == ""
+    assert f"B FROM {low:g} DEG TO {high:g} DEG" in " ".join(
+        program(TABLE, few, "iso", post).replace(")\n(", " ").split()
+    )
 
 
 def test_a_way_to_the_far_side_of_the_moon_is_left_at_once(few: Run) -> None:

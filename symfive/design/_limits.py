@@ -14,9 +14,9 @@ from symfive.machine import Machine
 from symfive.moves import (
     BALL_RADIUS,
     RAPID_MM,
-    RETRACTS_MM,
     SMOOTH,
     angle_clearance,
+    least_retract,
     least_upright,
     nose_may_reach_post,
     nose_over_table,
@@ -45,9 +45,9 @@ def _around_sphere(machine: Machine, geometry: PoseGeometry) -> dict[str, Any]:
     return {name: touch_reach(machine) * ca.norm_2(ca.jacobian(moved[name], place)) for name in machine.linear_axes}
 
 
-def _left_to_draw_back(machine: Machine, geometry: PoseGeometry) -> Any:
-    """mm of travel that the linear axes have left with the tool drawn back from a pose in the direction of `symfive.nc.lifts`
-    that leaves most and does not lead down: without it there is no way out of a nest."""
+def _left_to_draw_back(machine: Machine, geometry: PoseGeometry, mm: float) -> Any:
+    """mm of travel that the linear axes have left with the tool drawn back by the least retract from a pose in the direction of
+    `symfive.nc.lifts` that leaves most and does not lead down: without it there is no way out of a nest."""
     place = ca.SX.sym("place", 3)
     moved = follow(machine, geometry.turned, geometry.tool_ball, place)
     by_place = {name: ca.jacobian(moved[name], place) for name in machine.linear_axes}
@@ -56,7 +56,7 @@ def _left_to_draw_back(machine: Machine, geometry: PoseGeometry) -> Any:
     between = (along + up) / ca.sqrt(ca.sumsqr(along + up) + SMOOTH)
 
     def left(way: Any) -> Any:
-        drawn = RETRACTS_MM[0] * way
+        drawn = mm * way
         least = drawn[2]
         for name in machine.linear_axes:
             (low, high), at = machine.reach(name), geometry.position[name] + by_place[name] @ drawn
@@ -76,7 +76,8 @@ def limits_of(machine: Machine, instrument: str, geometry: PoseGeometry, most: A
         limits += [(at - low - margin) / UNIT_MM, (high - at - margin) / UNIT_MM]
         names += [f"travel of {name}"] * 2
     if instrument != "ball_bar":  # which leaves sideways, too
-        limits.append(_left_to_draw_back(machine, geometry) / UNIT_MM)
+        least = least_retract(machine.workspace, probe=instrument == "touch_probe")
+        limits.append(_left_to_draw_back(machine, geometry, least) / UNIT_MM)
         names.append(DRAWN_BACK)
     volume = spanned(machine, geometry)
     if volume is not None:

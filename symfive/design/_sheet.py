@@ -21,11 +21,14 @@ from symfive.nc import (
     Post,
     addressed,
     collision_warning,
+    retract_words,
+    rotary_ranges,
     series_name,
     series_of,
     turned_against,
     upright_axis,
     which_point,
+    word_order,
 )
 from symfive.numbers import plain_number, unit_words
 from symfive.procedures import PAUSE_S, Nominal
@@ -151,7 +154,7 @@ def _steps(sheet: Sheet, nominal: Nominal, run: Run, stands: str) -> list[str]:
             steps.append(
                 f"Or run the program {series_name(series)}: the {len(series)} circles of this mounting; the bar stays mounted."
             )
-    return steps + _moves(machine, sheet.post)
+    return steps + _moves(machine, run, sheet.post)
 
 
 def _place(run: Run, stands: str) -> list[str]:
@@ -185,17 +188,19 @@ def _lean(nominal: Nominal, run: Run, stands: str) -> str:
     return f"{tilts}: check that its sensors leave room for that, or state nest_opening in [workspace] and plan again."
 
 
-def _moves(machine: Machine, post: Post) -> list[str]:
-    """The first and the last moves of every program, in their order."""
+def _moves(machine: Machine, run: Run, post: Post) -> list[str]:
+    """The first and the last moves of a run's program, in their order, its retracts and how far its rotary axes turn."""
     up = upright_axis(machine)
     rotary = [name for name in machine.axis_names if machine.axes[name].rotary]
     turned = f"{' and '.join(rotary)}, then " if rotary else ""
     home = ", then " + " and ".join(f"{name} to {machine.home(name):g}°" for name in rotary) if rotary else ""
+    ranges = rotary_ranges(machine, run, post)
     top = f"machine coordinate {post.machine_top:g} (ISO: its reference point)"
     return [
         f"First moves, not checked for collisions: {up} alone to the top of its travel, {top}, then {turned}the axes of the "
         f"plane, then {up} down; the program stops before the slow move into position.",
         f"Last moves: back along the same path, no tool offset, {up} alone to the top{home}.",
+        *(f"{said}." for said in (retract_words(machine, run, post) if run.id in post.ways else "", ranges) if said),
     ]
 
 
@@ -224,7 +229,7 @@ def _recording(nominal: Nominal, run: Run) -> dict[str, Any]:
         **path_facts(nominal, run),
         "Duration": f"{run.duration:.1f} s, from rest to rest",
     }
-    for name in sorted(machine.axis_names, key=lambda name: not machine.axes[name].rotary):
+    for name in word_order(machine):
         q, unit = run.commands[name], unit_words(machine.axes[name].unit)
         fast = f"{plain_number(run.fastest(q))} {unit}/min" if np.ptp(q) > STILL else "at rest"
         numbers = [digits(v) for v in (q[0], q.min(), q.max(), q[-1])]

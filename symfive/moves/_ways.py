@@ -18,7 +18,8 @@ import numpy as np
 
 from symfive.campaign import FIRST_LINE, Run
 from symfive.errors import InputError
-from symfive.machine import Machine
+from symfive.machine import Machine, Workspace
+from symfive.moves._bodies import kept_off_nest
 from symfive.moves._moves import ROUNDING_MM, Moves, blocked_moves
 from symfive.nc import (
     Positions,
@@ -36,9 +37,15 @@ from symfive.nc import (
 )
 from symfive.procedures import Nominal
 
-RETRACTS_MM = (50.0, 80.0, 120.0, 200.0)
+RETRACTS_MM = (50.0, 80.0, 120.0, 200.0, 35.0, 25.0)
+"""How far the tool is drawn back, as they are tried: longer ones where something meets, shorter ones where no travel is left."""
 REMEDY = "what helps: a longer tool, a slimmer post, tool or bar ([workspace] post_radius, tool_radius, bar_radius), more travel"
 ELSEWHERE = "what helps: another position or height of the table ball, another radius, a longer tool"
+
+
+def least_retract(workspace: Workspace, *, probe: bool) -> float:
+    """The shortest retract that takes the ball, or a probe's tip, as far off as rapid moves keep it, mm."""
+    return min((mm for mm in RETRACTS_MM if mm >= kept_off_nest(workspace, probe)), default=max(RETRACTS_MM))
 
 
 @dataclass(frozen=True)
@@ -67,7 +74,7 @@ class Ways:
     ) -> None:
         self.machine, self.run = machine, run
         self.nominal, self.moves = Nominal(machine), Moves(machine, run)
-        self.retracts = sorted({retract_mm, *RETRACTS_MM}, key=lambda mm: (mm != retract_mm, mm))
+        self.retracts = list(dict.fromkeys((retract_mm, *RETRACTS_MM)))
         upright = upright_axis(machine)
         self.rotary = [name for name, axis in machine.axes.items() if axis.rotary]
         self.plane = [name for name in machine.axes if name not in (*self.rotary, upright)]

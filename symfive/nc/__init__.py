@@ -34,12 +34,15 @@ from symfive.nc._steps import (
     check_addresses,
     outside_s,
     program_steps,
+    retract_words,
+    rotary_ranges,
     series_name,
     series_of,
     series_steps,
     stands,
 )
 from symfive.nc._touch import Probing, touch_reach
+from symfive.nc._writer import word_order
 from symfive.nc.heidenhain import HEIDENHAIN
 from symfive.nc.iso import ISO
 from symfive.nc.linuxcnc import LINUXCNC
@@ -49,9 +52,9 @@ from symfive.outputs import write_text
 __all__ = [
     "CAUTION", "DIALECTS", "UNCHECKED", "Dialect", "Positions", "Post", "Probing", "Seat", "Step", "Way", "able", "addressed",
     "along_arcs", "arrival_times", "at_the_top", "can_write", "check_addresses", "collision_warning", "dialect_of", "lifts",
-    "one_by_one", "out_to_the_top", "outside_s", "over_the_top", "pace", "program", "program_steps", "series_name", "series_of",
-    "stands", "top_of", "touch_reach",
-    "turned_against", "turned_home", "upright_axis", "which_point", "write_programs",
+    "one_by_one", "out_to_the_top", "outside_s", "over_the_top", "pace", "program", "program_steps", "retract_words",
+    "rotary_ranges", "series_name", "series_of", "stands", "top_of", "touch_reach", "turned_against", "turned_home",
+    "upright_axis", "which_point", "word_order", "write_programs",
 ]  # fmt: skip
 
 DIALECTS: dict[str, Dialect] = {dialect.name: dialect for dialect in (ISO, SIEMENS, HEIDENHAIN, LINUXCNC)}
@@ -85,6 +88,7 @@ def _text(
         *collision_warning(machine, post, (run,)),
         which_point(machine, run, post),
         *turned_against(post),
+        *filter(None, [rotary_ranges(machine, run, post)]),
         dialect.datum,
         _first(dialect, machine, post),
     )

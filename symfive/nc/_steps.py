@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import statistics
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -125,6 +126,32 @@ def outside_s(machine: Machine, run: Run, post: Post) -> float:
     writer = _writer_of(machine, run, post)
     steps = [*writer.first_moves(), *writer.last_moves("")]
     return writer.stays(run.rows - 1) + sum(step.seconds for step in steps)
+
+
+def retract_words(machine: Machine, run: Run, post: Post) -> str:
+    """How far the program draws the tool back, for the set-up sheet: most often so far, and where otherwise."""
+    found = {row: round(mm) for row, mm in _writer_of(machine, run, post).retracts().items()}
+    usual = statistics.mode(found.values())
+    others = [f"{mm} mm at pose {row + 1}" for row, mm in sorted(found.items()) if mm != usual]
+    return f"The program draws the tool back by {usual} mm{', '.join(['', *others])}"
+
+
+def rotary_ranges(machine: Machine, run: Run, post: Post) -> str:
+    """Between which angles the program turns each rotary axis, once it has reached the first pose; nothing where none turns."""
+    ways = (*post.ways.get(run.id, {}).values(), *post.via.get(run.id, {}).values())
+    said = []
+    for name in machine.rotary_axes:
+        angles = [machine.home(name), *run.commands[name].tolist(), *(place[name] for way in ways for place in way)]
+        sign = -1.0 if name in post.reversed_axes else 1.0
+        low, high = sorted((sign * min(angles), sign * max(angles)))
+        if high - low > STANDSTILL:
+            said.append(f"{name} from {low:.6g}° to {high:.6g}°")
+    turned = " and ".join(said)
+    return (
+        f"The program turns {turned}: the control has to take each angle as written, not the shortest way"
+        if said
+        else ""
+    )
 
 
 def _without_standstill(steps: Sequence[Step]) -> list[Step]:

@@ -20,7 +20,7 @@ import numpy as np
 
 from symfive.arrays import Array
 from symfive.campaign import Run
-from symfive.instruments import Instrument, has_bar, instruments_of
+from symfive.instruments import Instrument, has_bar, instruments_of, is_probed
 from symfive.machine import Machine
 from symfive.nc._arc import circle_of
 from symfive.nc._base import Step
@@ -50,6 +50,11 @@ ORIENT_S = 5.0
 """Time in which the spindle turns by half a turn and is held; an operator who turns it needs `HAND_S`."""
 
 
+def word_order(machine: Machine) -> list[str]:
+    """The axes in the order of a block's words; axes without an NC address last."""
+    return sorted(machine.axis_names, key=lambda n: (LETTERS.find(n) % (len(LETTERS) + 1), n))
+
+
 class Writer:
     """A run's moves: the ways to its poses and between them."""
 
@@ -57,8 +62,7 @@ class Writer:
         self.machine, self.run, self.post = machine, run, post
         self.nominal = Nominal(machine)
         self.names = machine.axis_names
-        letters = sorted(self.names, key=lambda n: (LETTERS.find(n) % (len(LETTERS) + 1), n))
-        self.signs = {n: -1.0 if n in post.reversed_axes else 1.0 for n in letters}
+        self.signs = {n: -1.0 if n in post.reversed_axes else 1.0 for n in word_order(machine)}
         self.rotary = list(machine.rotary_axes)
         self.upright = upright_axis(machine)
         self.plane = [name for name in self.names if name not in (*self.rotary, self.upright)]
@@ -305,6 +309,17 @@ class Writer:
         if len(lifted) == 2:
             return over_the_top(self.machine, *lifted)
         return out_to_the_top(self.machine, lifted[0]) if row else (lifted[0],)
+
+    def retracts(self) -> dict[int, float]:
+        """How far the tool is drawn back, mm, from the rows that the program enters or leaves."""
+        rows = self.run.rows
+        around = range(rows + 1) if is_probed(self.run) else {0, *self.post.unsafe.get(self.run.id, ()), rows}
+        found = dict[int, float]()
+        for row in sorted(around):
+            way = self._way_to(row)
+            ends = {r: way[place] for r, place in ((row - 1, 0), (row, -1)) if 0 <= r < rows}
+            found |= {r: self._apart(self._entry(r), lifted) for r, lifted in ends.items()}
+        return found
 
     def _creep(self, lifted: Positions, pose: Positions, row: int, *, out: bool = False) -> list[Step]:
         """Between a pose and its lifted one, slowest near the pose; `row` is the one it leads to."""
