@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from lean import location_only
 
-from symfive.campaign import Run
-from symfive.design import Plan, plan
+from symfive.campaign import Campaign, Run
+from symfive.design import Plan, Sheet, plan, setup_sheet
 from symfive.design._candidates import pose_grid  # whole plans take seconds
 from symfive.design._reach import Reach  # as above
 from symfive.design._space import make_space  # as above
@@ -266,6 +266,15 @@ def test_the_sheet_and_the_head_say_how_far_each_rotary_axis_turns(few: Run) -> 
     assert f"B FROM {low:g} DEG TO {high:g} DEG" in " ".join(
         program(TABLE, few, "iso", post).replace(")\n(", " ").split()
     )
+
+
+def test_sheet_and_program_can_be_compared_line_by_line(few: Run) -> None:
+    """The table of poses has the words of a block in their order, and the program names the pose to which a way leads."""
+    page = setup_sheet(Sheet(campaign=Campaign(machine=TABLE, runs=(few,)), post=Post()), {}, ())
+    heads = re.findall(r"<th>([XYZABC]) / (?:mm|°)</th>", page)
+    text = program(TABLE, few, "siemens")
+    assert heads == re.findall(r"([XYZABC])-?\d", next(line for line in text.splitlines() if line.startswith("G1")))
+    assert re.findall(r"^; to pose (\d+)$", text, flags=re.M) == [str(row + 1) for row in range(1, few.rows)]
 
 
 def test_a_way_to_the_far_side_of_the_moon_is_left_at_once(few: Run) -> None:

@@ -11,7 +11,7 @@ from symfive.arrays import Array
 from symfive.campaign import FIRST_LINE, Campaign, Run
 from symfive.errors import InputError
 from symfive.instruments import columns_of, is_probed, mounted, touches_of
-from symfive.nc import Post
+from symfive.nc import Post, word_order
 from symfive.numbers import plain_number, unit_words
 from symfive.procedures import Nominal
 
@@ -138,7 +138,7 @@ def pose_table(campaign: Campaign, run: Run, post: Post) -> dict[str, Any]:
     All poses of a run have the same ball, dwell and reading columns; `what` says these.
     """
     machine = campaign.machine
-    names = sorted(machine.axis_names, key=lambda name: not machine.axes[name].rotary)
+    names = word_order(machine)
     positions = [f"{name} / {unit_words(machine.axes[name].unit)}" for name in names]
     rows, readings = [], _readings(run)
     probed = is_probed(run)

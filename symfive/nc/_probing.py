@@ -195,6 +195,7 @@ class _Prober(ProbeWays):
         for row in range(self.run.rows):
             way, left = self._way_to(row), self._way_to(row + 1)[0]
             if row:
+                found.append(Step(kind="comment", text=f"to pose {row + 1}"))
                 found += [self._rapid(a, b, row) for a, b in itertools.pairwise(way)]
             found += self._centred(True, way[-1])
             if row == 0:

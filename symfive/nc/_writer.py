@@ -198,6 +198,7 @@ class Writer:
         for row in range(1, self.run.rows):
             seconds = float(self.run.time[row] - self.run.time[row - 1]) - self.post.rest_s
             seconds -= ORIENT_S if self.turned(row) else 0.0
+            found.append(Step(kind="comment", text=f"to pose {row + 1}"))
             found += self._detour(row) if row in around else self._way(row, seconds)
             early = seconds - self.seconds_to(row) if row in around else 0.0
             found += [

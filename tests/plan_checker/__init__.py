@@ -23,7 +23,7 @@ What a program must do (docs/design.md and docs/conventions.md say what the numb
     time        the file's time table and the plan's minutes within 5 % of what the programs take
     end         the tool axis at its top, length, tool-centre control and G93 cancelled
     probing     touches stop on contact, are looked at, and log what they found (`_touching`)
-    sheet       ball, tool, bar, datum and tool length as on setup.html
+    sheet       ball, tool, bar, datum, tool length, poses and angles turned as on setup.html
     dialects    the programs of all dialects describe the same motion
     program     every word is known to the checker
 

@@ -14,6 +14,8 @@ NUMBER = r"(-?[\d.]+)"
 NO_LENGTH = r"(no|without a) tool (length|offset)"
 AGAIN = re.compile(r"The same mounting as for run ([^ :]+):")
 """Ball, tool and bar stand as the sheet says of an earlier run."""
+POSES = re.compile(r'<table class="poses-list">(.*?)</table>', re.S)
+TURNS = re.compile(rf"\b([ABC]) from {NUMBER}° to {NUMBER}°")
 LEAST_MM = 1.01
 """Places are set to the millimetre."""
 
@@ -23,8 +25,11 @@ def sheet(plan: Plan, paths: list[Path]) -> Iterator[Finding]:
     file = plan.folder / "setup.html"
     if not file.exists():
         return
-    text = re.sub(r"<(svg|style|script).*?</\1>|<[^>]+>", " ", file.read_text(encoding="utf-8"), flags=re.S)
+    page = file.read_text(encoding="utf-8")
+    text = re.sub(r"<(svg|style|script).*?</\1>|<[^>]+>", " ", page, flags=re.S)
     text = re.sub(r"\s+", " ", html.unescape(text))
+    for run, table in zip((run for run in plan.runs if run.static), POSES.findall(page), strict=False):
+        yield from (Finding("sheet", file, 0, f"run {run.table['id']}: {says}") for says in _poses(plan, run, table))
     starts = [(run, text.find(f"Run {run.table['id']} ")) for run in plan.runs]
     for k, (run, start) in enumerate(starts):
         if start < 0:
@@ -51,6 +56,18 @@ def sheet(plan: Plan, paths: list[Path]) -> Iterator[Finding]:
         )
 
 
+def _poses(plan: Plan, run: Run, table: str) -> Iterator[str]:
+    """The table of poses, line by line as the file."""
+    heads = re.findall(r"<th>(\w+) / (?:mm|°)</th>", table)
+    rows = [re.findall(r'<td class="n">([^<]*)</td>', line) for line in table.split("<tr>") if "<td" in line]
+    lines, shown = [row[1] for row in rows], np.array([row[-len(heads) :] for row in rows], float)
+    wanted = run.rows[:, [plan.machine.names.index(name) for name in heads]]
+    if sorted(heads) != sorted(plan.machine.names) or lines != [str(k + 2) for k in range(len(run.rows))]:
+        yield f"its table has the axes {', '.join(heads)} and {len(rows)} lines"
+    elif (off := np.abs(shown - wanted).max(axis=1)).max() > 6e-4:
+        yield f"line {int(off.argmax()) + 2} of its file is another pose in the table"
+
+
 def _differs(plan: Plan, run: Run, part: str) -> Iterator[str]:
     if not (run.bar or run.nest):
         return
@@ -63,6 +80,11 @@ def _differs(plan: Plan, run: Run, part: str) -> Iterator[str]:
             yield f"{name} is not on the sheet"
         elif np.abs(np.array(found.groups(), float) - value).max() > LEAST_MM:
             yield f"{name} is {' '.join(found.groups())} mm on the sheet, {np.round(value, 3).tolist()} mm in campaign.toml"
+    for name, low, high in TURNS.findall(part):
+        angles = run.rows[:, plan.machine.names.index(name)]
+        ends = (float(low), float(high)), (-float(high), -float(low))  # the control may count the other way
+        if not any(a - 1e-3 <= angles.min() and angles.max() <= b + 1e-3 for a, b in ends):
+            yield f"{name} turns beyond {low}° to {high}°"
     if found := re.search(rf"control shows X {NUMBER}, Y {NUMBER}, Z {NUMBER} mm", part):
         at_zero = np.zeros((1, len(plan.machine.names)))
         there = plan.machine.following(at_zero, run.table_ball[None, :], run.tool_ball)[0]

@@ -46,7 +46,7 @@ def write_example(folder: Path, machine_text: str) -> Path:
             (folder / "nc" / dialect).mkdir(exist_ok=True)
             text = "\n".join(writer(machine, run)) + "\n"
             (folder / "nc" / dialect / f"{run.name}{suffix}").write_text(text, encoding="ascii")
-    sheet = " ".join(_sheet(**tomllib.loads(run.toml)["run"][0]) for run in runs)
+    sheet = " ".join(_sheet(**tomllib.loads(run.toml)["run"][0]) + _poses(machine, run.rows) for run in runs)
     (folder / "setup.html").write_text(f"<html>{sheet} No tool length is called.</html>", encoding="utf-8")
     seconds = sum(float(run.times[-1]) + 30.0 for run in runs) + 300.0 * len(runs)
     (folder / "plan.json").write_text(json.dumps({"minutes": seconds / 60.0}), encoding="utf-8")
@@ -82,6 +82,16 @@ def _sheet(*, id: str, table_ball: list[float], tool_ball: list[float], length: 
     bar = f"Bar of {length:g} mm." if length else ""
     tool = f"the tool ball at {-tool_ball[2]:g} mm below the spindle nose"
     return f"<p>Run {id} · place the ball at x = {x}, y = {y}, z = {z} mm, {tool}. {bar}</p>"
+
+
+def _poses(machine: Machine, rows: Array) -> str:
+    heads = "".join(
+        f"<th>{name} / {'°' if turns else 'mm'}</th>" for name, turns in zip(machine.names, machine.rotary, strict=True)
+    )
+    lines = [[str(k + 1), str(k + 2), *(f"{v:.3f}" for v in row)] for k, row in enumerate(rows)]
+    body = "".join("<tr>" + "".join(f'<td class="n">{cell}</td>' for cell in line) + "</tr>" for line in lines)
+    b = rows[:, machine.names.index("B")]
+    return f'It turns B from {b.min():g}° to {b.max():g}°.<table class="poses-list"><tr>{heads}</tr>{body}</table>'
 
 
 def _made(machine: Machine, name: str, toml: str, angles: list[tuple[float, float]], place: Array, said: tuple[str, str], *,
