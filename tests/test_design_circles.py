@@ -68,9 +68,13 @@ def _first(path: tuple[np.ndarray, float], moved: np.ndarray) -> tuple[np.ndarra
     return path[0], moved, path[1]
 
 
+@pytest.mark.parametrize("reach", [None, 250.0])
 @pytest.mark.parametrize("name", ["table-bc", "nutating-table", "mixed-bc", "tsutsumi-2007", "three-axis", "head-bc"])
-def test_a_path_is_the_procedures_path(name: str) -> None:
+def test_a_path_is_the_procedures_path(name: str, reach: float | None) -> None:
     machine = preset(name)
+    if reach and "C" in machine.axes:  # hoses, within which a circle is turned about C
+        table = replace(machine.axes["C"], travel=(-reach, reach))
+        machine = replace(machine, axes={**machine.axes, "C": table}, text="")
     turning = name not in ("three-axis", "head-bc")
     shapes = [CircleShape(family="planar", values=PLANAR)]
     shapes += [CircleShape(family="synchronous", values=v | {"feed": 400.0}) for v in (INSIDE, OUTSIDE) if turning]

@@ -275,6 +275,23 @@ def test_an_axial_bar_stands_on_its_table_ball(name: str, direction: float) -> N
     assert np.allclose(ball[:, 2] - run.table_ball[2], run.length)
 
 
+@pytest.mark.parametrize(("low", "high"), [(-3600.0, 3600.0), (-360.0, 360.0), (-215.0, 215.0), (0.0, 430.0)])
+@pytest.mark.parametrize("name", ["table-bc", "tsutsumi-2007", "nutating-table"])
+def test_a_synchronous_circle_is_turned_into_the_travel_of_its_table(name: str, low: float, high: float) -> None:
+    """It turns C by 423°; from -32° on no travel of a table with hoses took it, although that of ±215° is wide enough."""
+    machine = changed(preset(name), C={"travel": [low, high]})
+    for run in synchronous_circle(machine, radius=50.0, rate_hz=20.0):
+        c = run.commands["C"]
+        assert low <= c.min() and c.max() <= high and np.ptp(c) == pytest.approx(423.5, abs=0.1)
+        assert np.abs(np.linalg.norm(offset_of(machine, run), axis=1) - 50.0).max() < 1e-9
+        assert np.ptp(run.commands["Y"]) < 1e-9 and run.commands["X"].min() > 0.0
+    first = changed(machine, C={"travel": [-3600.0, 3600.0]})
+    start = synchronous_circle(first, radius=50.0, rate_hz=20.0)[0]
+    assert start.commands["C"].min() == pytest.approx(-31.7, abs=0.1), "as before where the table turns without end"
+    with pytest.raises(InputError, match="axis C would go to"):
+        synchronous_circle(changed(machine, C={"travel": [-200.0, 200.0]}), radius=50.0)
+
+
 def test_heads_cannot_drive_a_synchronous_circle():
     with pytest.raises(InputError, match="carries the tool"):
         synchronous_circle(preset("head-bc"), rotary="C")

@@ -29,8 +29,9 @@ from symfive.procedures import (
     DWELL_S,
     PLANES,
     Nominal,
-    circle_frame,
+    frame_within_travel,
     planar_circle,
+    polar_angle,
     ramp_of,
     synchronous_circle,
     tool_ball_of,
@@ -168,9 +169,11 @@ def _way(angle: Any, run_up: Any, reach: float, end: Any) -> Any:
 
 
 def _synchronous(machine: Machine, circle: CircleShape, v: Mapping[str, Any], phi: Any) -> tuple[Any, Any]:
-    frame = circle_frame(machine)
     ratio, radius = v["ratio"], v["radius"]
     start = circle.values["ratio"]
+    run_up = math.radians(RUN_UP_DEG["synchronous"])
+    angles = polar_angle(np.linspace(-run_up, 2.0 * math.pi + run_up, LIMIT_POINTS), start, 1.0)
+    frame, turned = frame_within_travel(machine, angles)
     if abs(start - 1.0) < SMALLEST_GAP or start < 0.0:
         raise InputError(f"X_T/r = {start:g} is not refined", remedy="use a ratio of at least 0 that is not 1")
     if start > 1.0:
@@ -180,7 +183,7 @@ def _synchronous(machine: Machine, circle: CircleShape, v: Mapping[str, Any], ph
     u, across, n = (ca.DM(part) for part in (frame.u, frame.v, frame.n))
     foot = ca.DM(frame.middle) + (v["height"] - float(frame.middle @ frame.n)) * n
     target = foot + radius * ((ratio + ca.cos(phi)) * u + ca.sin(phi) * across)
-    return _commands(machine, {frame.rotary: theta}, target), foot + ratio * radius * u
+    return _commands(machine, {frame.rotary: theta + math.radians(turned)}, target), foot + ratio * radius * u
 
 
 def _planar(machine: Machine, circle: CircleShape, v: Mapping[str, Any], phi: Any) -> tuple[Any, Any]:

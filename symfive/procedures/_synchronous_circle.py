@@ -26,6 +26,8 @@ from symfive.procedures._setting import (
 )
 
 SAME_MM = 1e-9
+LOOKED_AT = 721
+"""Points of a circle at which the range of its rotary axis is looked for."""
 
 
 def synchronous_circle(
@@ -41,26 +43,28 @@ def synchronous_circle(
     The tool stays on the line of the `linear` axis through the rotary axis, so for the path point P at polar
     angle θ the rotary axis is commanded to θ and the linear one to |P| (paper 3, (2)-(4)); at x_t = radius
     the continuous branch θ = φ/2 is kept. `rotary` must carry the workpiece and `linear` be square to it; by
-    default C-like and X-like. `feed` mm/min along the circle; φ runs from -`run_up_deg` over 0…`sweep_deg` to
+    default C-like and X-like. Where θ leaves the travel of the rotary axis, ball and path are turned about that axis to its
+    middle. `feed` mm/min along the circle; φ runs from -`run_up_deg` over 0…`sweep_deg` to
     its run-out; `height` mm above the workpiece frame's origin. Raises `InputError` where an axis cannot
     follow: near x_t = radius the rotary axis has to turn at feed/|x_t - radius| (paper 3, (8)).
     """
     size = bar_length(machine, radius, near=50.0)
     x_t = 0.9 * size if x_t is None else float(x_t)
-    frame = circle_frame(machine, linear=linear, rotary=rotary, hold=hold)
-    foot = frame.foot(height if height is not None else sum(heights(machine)) / 2.0)
-    table, nominal, u, v = frame.rotary, Nominal(machine), frame.u, frame.v
-    ball = tool_ball_of(machine, tool_ball)
     if not (size > 0.0 and np.isfinite(x_t)):
         raise InputError("the circle has no radius or no centre", remedy="give a radius above 0 and a finite x_t")
     start, reach = -np.radians(run_up_deg), np.radians(sweep_deg + 2.0 * run_up_deg)
+    angles = polar_angle(np.linspace(start, start + reach, LOOKED_AT), x_t, size)
+    frame, turned = frame_within_travel(machine, angles, linear=linear, rotary=rotary, hold=hold)
+    foot = frame.foot(height if height is not None else sum(heights(machine)) / 2.0)
+    table, nominal, u, v = frame.rotary, Nominal(machine), frame.u, frame.v
+    ball = tool_ball_of(machine, tool_ball)
     speed = feed / 60.0 / size
     time, way = along(reach, speed, np.radians(run_up_deg), rate_hz)
     runs = []
     for sense in senses(direction):
         phi = start + way if DIRECTIONS[sense] > 0 else start + reach - way
         x, y = x_t + size * np.cos(phi), size * np.sin(phi)
-        fixed: dict[str, float | Array] = {**(hold or {}), table: np.degrees(polar_angle(phi, x_t, size))}
+        fixed: dict[str, float | Array] = {**(hold or {}), table: turned + np.degrees(polar_angle(phi, x_t, size))}
         target = foot + np.outer(x, u) + np.outer(y, v)
         run = Run(
             id=f"{table.lower()}-x{x_t:g}-f{feed:g}-{sense}", instrument=("ball_bar",), sampling="dynamic", time=time,
@@ -105,6 +109,21 @@ def circle_frame(
     if round(float(n[2]), 9) < 0.0:  # heights count up from the table, whichever way the control counts the angle
         n = -n
     return CircleFrame(table, middle, upright.T @ radial, upright.T @ np.cross(axle, radial), n)
+
+
+def frame_within_travel(
+    machine: Machine, theta: Array, *, linear: str | None = None, rotary: str | None = None,
+    hold: Mapping[str, float] | None = None,
+) -> tuple[CircleFrame, float]:  # fmt: skip
+    """The frame of a circle whose rotary axis goes through the angles `theta` (N,) rad, and by how many whole degrees that axis
+    stands turned at θ = 0: 0 where the angles lie within its travel, else so many that they lie in the middle of it."""
+    frame = circle_frame(machine, linear=linear, rotary=rotary, hold=hold)
+    (low, high), angles = machine.axes[frame.rotary].travel, np.degrees(theta)
+    if low <= angles.min() and angles.max() <= high:
+        return frame, 0.0
+    turned = float(np.round(0.5 * (low + high - angles.min() - angles.max())))
+    there = {**(hold or {}), frame.rotary: turned}
+    return circle_frame(machine, linear=linear, rotary=rotary, hold=there), turned
 
 
 def polar_angle(phi: Array, x_t: float, radius: float) -> Array:
