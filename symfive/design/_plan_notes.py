@@ -21,13 +21,12 @@ from symfive.design._rounding import not_rounded
 from symfive.design._schedule import Schedule
 from symfive.design._space import Space
 from symfive.instruments import is_probed, mounted
+from symfive.nc import table_assumed
 from symfive.numbers import plain_number, with_unit
 from symfive.optimal import Rows, Task
 
 NOISE_HARDLY = 0.95
 """Share of a 1σ from which what is left of it counts as all of it: what went is a tenth of the variance at most."""
-LYING = 0.1
-"""Sine of the angle to the table's plane below which an axis lies in it."""
 MORE = 4.0
 """So many times as many poses would halve every 1σ that noise causes."""
 
@@ -114,11 +113,7 @@ def _notes(schedule: Schedule) -> tuple[str, ...]:
     if schedule.campaign.machine.workspace.spindle_nose is None:
         notes.append("collisions were not checked: the machine file names no spindle nose ([workspace] spindle_nose)")
     machine = schedule.campaign.machine
-    if machine.table_axis is not None and abs(machine.axes[machine.table_axis].direction[2]) < LYING:
-        notes.append(
-            f"the table is assumed to be the plane z = 0, which contains axis {machine.table_axis}: correct for a tilting table; "
-            "for a rotary table with a horizontal spindle, collisions were not checked"
-        )
+    notes += table_assumed(machine)
     axes = machine.axes.items()
     if silent := [name for name, axis in axes if axis.max_feed is None or axis.max_acceleration is None]:
         notes.append(

@@ -20,6 +20,8 @@ READ_S = 10.0
 HOUR_S, MACHINE_MM = 3600.0, 1e5
 """Longest rest at a pose, and what no travel of a machine tool exceeds."""
 AT_POSE = ("dwell", "stop", "trigger")
+LYING = 0.1
+"""Sine of the angle to the table's plane below which an axis lies in it."""
 UNCHECKED = "Collisions were not checked"
 CARE = "Run the program slowly, one hand on the feed override."
 RECORDED = "Measure at feed override 100 percent: the feed is part of the result."
@@ -101,7 +103,19 @@ def collision_warning(machine: Machine, post: Post, runs: Sequence[Run]) -> tupl
     bodies = "post, bar and table" if any(map(has_bar, runs)) else "post and table"
     where = "at every pose and on every move after the stop before the first one"
     tested = f"Tested: spindle nose, tool, {bodies} as simple bodies, {where}."
-    return tested, f"Not tested: {', '.join(_untested(machine, runs))}.", *((RECORDED,) if recorded else ())
+    assumed = [f"{said[0].upper()}{said[1:]}." for said in table_assumed(machine)]
+    return tested, f"Not tested: {', '.join(_untested(machine, runs))}.", *assumed, *((RECORDED,) if recorded else ())
+
+
+def table_assumed(machine: Machine) -> tuple[str, ...]:
+    """A sentence where the axis that carries the table lies in the plane for which the table is taken."""
+    axis = machine.table_axis
+    if axis is None or abs(machine.axes[axis].direction[2]) >= LYING:
+        return ()
+    return (
+        f"the table is assumed to be the plane z = 0, which contains axis {axis}: correct for a tilting table; a table square to "
+        f"{axis} (horizontal spindle) was not tested, and up, down and top mean along the tool's axis there",
+    )
 
 
 def _untested(machine: Machine, runs: Sequence[Run]) -> list[str]:
