@@ -59,6 +59,7 @@ table_radius = 150.0
 bar_lengths = [50.0, 100.0]
 spindle_nose = { radius = 40.0, above_ball = 60.0 }
 fixture = "vice"
+obstacles = { vice = [[60.0, -50.0, 0.0], [160.0, 50.0, 80.0]] }
 
 [model]
 effects = [{ effect = "backlash", axis = "C", width = 41.0 }, "thermal_drift"]
@@ -271,6 +272,18 @@ SLIPS = [
     (
         AXES + "[workspace]\nspindle_nose = { diameter = 80.0, above_ball = 60.0 }\n",
         r"line 15: .* spindle_nose has an unknown key 'diameter'; give radius and above_ball",
+    ),
+    (
+        AXES + "[workspace.obstacles]\nvice = [[60.0, -50.0, 0.0]]\n",
+        r"line 15: obstacle 'vice' is not two corners; write lowest and highest x, y, z in mm: vice = ",
+    ),
+    (
+        AXES + "[workspace.obstacles]\nvice = [[60.0, -50.0, 0.0], [50.0, 50.0, 80.0]]\n",
+        r"line 15: obstacle vice: \[60.0, -50.0, 0.0\] is not below \[50.0, 50.0, 80.0\] in x, y and z; put the lowest",
+    ),
+    (
+        AXES + "[workspace]\nobstacles = [1.0]\n",
+        r"line 15: workspace: obstacles = \[1.0\] is not a table; write \[workspace.obstacles\]",
     ),
     (
         AXES + "[workspace]\nspindle_nose = { radius = 40.0 }\n",

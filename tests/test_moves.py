@@ -11,6 +11,7 @@ from symfive.campaign import Run
 from symfive.design import Space, make_space, plan
 from symfive.machine import Machine, preset
 from symfive.moves import (
+    Box,
     Clearances,
     Moves,
     Rod,
@@ -178,6 +179,24 @@ def test_the_tool_does_not_meet_the_tables_edge() -> None:
 
 def _apart(a: tuple[list[float], list[float], float, float], b: tuple[list[float], list[float], float, float]) -> float:
     return float(apart(*(Rod(*(np.array([part]) for part in rod[:3]), rod[3]) for rod in (a, b)))[0])
+
+
+def test_a_cylinder_keeps_off_a_box_by_their_distance() -> None:
+    """From below, by the nearest of many points of each."""
+    rng, low, high = np.random.default_rng(5), np.array([20.0, -60.0, 0.0]), np.array([120.0, 60.0, 90.0])
+    inside = rng.uniform(low, high, (20000, 3))
+    surface = np.where(rng.random((20000, 3)) < 0.5, np.where(rng.random((20000, 3)) < 0.5, low, high), inside)
+    seen = set()
+    for radius in (0.0, 40.0):
+        for _ in range(40):
+            start, axis = rng.uniform(-150.0, 200.0, 3), rng.normal(size=3)
+            rod = Rod(start[None], (axis / np.linalg.norm(axis))[None], rng.uniform(1.0, 200.0, 1), radius)
+            (found,) = apart(rod, Box(low[None], high[None]))
+            nearest = rod.nearest(surface)
+            sampled = float(np.linalg.norm(nearest - surface, axis=1).min())
+            assert found <= sampled + 1e-6 and sampled - max(found, 0.0) < 4.0
+            seen.add(bool(found > 0.0))
+    assert seen == {True, False}
 
 
 def test_cylinders_keep_apart_by_their_distance() -> None:

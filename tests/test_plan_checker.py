@@ -5,6 +5,7 @@ import re
 import shutil
 import tomllib
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -113,6 +114,8 @@ FAULTS: dict[str, tuple[str, Callable[[Path], None]]] = {
         edit("machine.toml", r"radius = 40.0, above_ball = 60.0", "radius = 300.0, above_ball = -40.0")),
     "the tool is as thick as the post": ("clearance",
         edit("machine.toml", r"\[workspace\]", "[workspace]\npost_radius = 60.0\ntool_radius = 60.0")),
+    "a vice stands in the way": ("clearance",
+        edit("machine.toml", r"^\[workspace\]", "[workspace]\nobstacles = {vice = [[-90.0, -90.0, 0.0], [90.0, 90.0, 120.0]]}")),
     "the minutes are those of another plan": ("time", edit("plan.json", r"[\d.]+", "20.0")),
     "the sheet puts the ball elsewhere": ("sheet", edit("setup.html", "x = 80", "x = 85")),
     "the sheet names another tool": ("sheet", edit("setup.html", "150 mm below", "155 mm below")),
@@ -222,6 +225,20 @@ def in_order(folder: Path) -> bool:
 @pytest.mark.parametrize(("name", "instrument"), QUICK)
 def test_a_quick_plan_is_in_order(name: str, instrument: str, tmp_path: Path) -> None:
     assert in_order(made(tmp_path / "plan", location_only(name), instrument, 6))
+
+
+@pytest.mark.parametrize("instrument", ["r_test", pytest.param("ball_bar", marks=pytest.mark.slow)])
+def test_a_plan_keeps_off_what_stands_on_the_table(instrument: str, tmp_path: Path) -> None:
+    """Without the box in its machine file the plan is one that meets it."""
+    machine = location_only("table-bc")
+    boxes = {"vice": ((20.0, -60.0, 0.0), (120.0, 60.0, 90.0)), "nests": ((-120.0, 30.0, 0.0), (-60.0, 120.0, 60.0))}
+    obstructed = replace(machine, workspace=replace(machine.workspace, obstacles=boxes), text="")
+    kept = made(tmp_path / "plan", obstructed, instrument, 8)
+    assert in_order(kept)
+    assert "vice (a box)" in (kept / "setup.html").read_text(encoding="utf-8")
+    free = made(tmp_path / "free", machine, instrument, 8)
+    shutil.copy(kept / "machine.toml", free / "machine.toml")
+    assert any(f"and {name} " in finding.says for finding in check(free) for name in boxes)
 
 
 @pytest.mark.slow

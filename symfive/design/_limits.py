@@ -20,6 +20,7 @@ from symfive.moves import (
     least_upright,
     nose_may_reach_post,
     nose_over_table,
+    off_obstacles,
     out_of_nest_clearance,
     post_clearance,
 )
@@ -106,6 +107,9 @@ def limits_of(machine: Machine, instrument: str, geometry: PoseGeometry, most: A
     if instrument == "ball_bar":
         limits.append((geometry.place[2] - BALL_RADIUS - workspace.clearance) / UNIT_MM)
         names.append("tool ball and table")
+    for name, gap in off_obstacles(workspace, geometry.table_ball, instrument == "touch_probe").items():
+        limits.append(gap / UNIT_MM)
+        names.append(f"ball and obstacle {name}")
     gap, least = _out_of_nest(machine, geometry, instrument == "touch_probe", most)
     if least < 0.0:
         limits.append(gap / UNIT_MM)

@@ -289,7 +289,13 @@ def _clearances(sheet: Sheet) -> str:
     held = next((held for _, held in map(mounted, sheet.campaign.runs) if held), "tool ball")
     nose = f"radius {radius:g} mm, from {above:g} mm above the {held} up"
     thick = ", ".join(
-        f"{name} ({'a line' if radius is None else f'radius {radius:g} mm'})" for name, radius in _thickness(sheet)
+        [
+            *(
+                f"{name} ({'a line' if radius is None else f'radius {radius:g} mm'})"
+                for name, radius in _thickness(sheet)
+            ),
+            *(f"{name} (a box)" for name in workspace.obstacles or {}),
+        ]
     )
     untested = " ".join(collision_warning(sheet.campaign.machine, post, sheet.campaign.runs)[1:])
     return (

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any
 
@@ -16,7 +16,7 @@ from symfive.machine._structure import Structure
 from symfive.machine._suggest import nearest_error
 from symfive.numbers import plain_number, unit_words
 from symfive.screen import OnScreen
-from symfive.validation import at_most, freeze, numbers, only, positive
+from symfive.validation import as_lists, at_most, freeze, numbers, only, positive
 
 ARTEFACT_MM = 1e3
 
@@ -28,7 +28,8 @@ class Workspace:
     `table_centre` in the workpiece frame; where it is None it follows from the axes (`Machine.table_centre`).
     `clearance` is what bodies keep off each other and linear axes off the ends of their travel: a ball stands within 1 mm of its
     place, and so is the tool's length. `sphere_radius` and `tip_radius` are those of a touch probe's sphere and tip;
-    `nest_opening` (degree) is how far the tool may lean from the axis of an R-test's nest.
+    `nest_opening` (degree) is how far the tool may lean from the axis of an R-test's nest. `obstacles` name → lowest and highest
+    corner of a box along the axes of the workpiece frame, which turns with the table.
     """
 
     table_radius: float | None = None
@@ -47,6 +48,7 @@ class Workspace:
     sphere_radius: float = 12.5
     tip_radius: float = 3.0
     nest_opening: float | None = None
+    obstacles: Mapping[str, tuple[Sequence[float], Sequence[float]]] | None = None
     extra: Mapping[str, Any] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
@@ -70,6 +72,9 @@ class Workspace:
             if pair[0] > pair[1]:
                 problem = f"workspace: {name} = {list(pair)} is not [lowest, highest]"
                 raise InputError(problem, remedy="put the lower one first", keys=(name,))
+        if self.obstacles is not None:
+            with inside("obstacles"):
+                object.__setattr__(self, "obstacles", _boxes(self.obstacles))
         if self.tool_length is not None:
             positive("workspace", tool_length=self.tool_length[0])
         if self.spindle_nose is not None:
@@ -85,6 +90,29 @@ class Workspace:
                     remedy = "give the height of the spindle nose over the tool ball, or correct tool_length"
                     raise InputError(problem, remedy=remedy, keys=("above_ball",))
             object.__setattr__(self, "spindle_nose", freeze(self.spindle_nose))
+
+
+def _boxes(table: Any) -> Mapping[str, tuple[Sequence[float], Sequence[float]]]:
+    """Corners of the obstacles by name. Raises `InputError`."""
+    example = "vice = [[60.0, -50.0, 0.0], [160.0, 50.0, 80.0]]"
+    if not isinstance(table, Mapping):
+        raise InputError(
+            f"workspace: obstacles = {shown(as_lists(table))} is not a table",
+            remedy=f"write [workspace.obstacles] {example}",
+        )
+    found = {}
+    for name, corners in table.items():
+        if not isinstance(corners, (list, tuple)) or len(corners) != 2:
+            problem = f"obstacle {shown(name)} is not two corners"
+            raise InputError(problem, remedy=f"write lowest and highest x, y, z in mm: {example}", keys=(name,))
+        for corner in corners:
+            numbers(f"obstacle {name}", name, corner, 3, example=example)
+        low, high = (tuple(map(float, corner)) for corner in corners)
+        if not all(a < b for a, b in zip(low, high, strict=True)):
+            problem = f"obstacle {name}: {list(low)} is not below {list(high)} in x, y and z"
+            raise InputError(problem, remedy="put the lowest x, y, z first, then the highest", keys=(name,))
+        found[name] = (low, high)
+    return freeze(found)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,18 +14,19 @@ from symfive.moves._bodies import (
     least_upright,
     nose_may_reach_post,
     nose_over_table,
+    off_obstacles,
     out_of_nest_clearance,
     post_clearance,
 )
 from symfive.moves._clearances import Clearances
-from symfive.moves._distance import Rod, apart
+from symfive.moves._distance import Box, Rod, apart
 from symfive.moves._moves import Moves, blocked_moves
 from symfive.moves._order import kept_apart, move_times, out_and_back, round_trip, there_and_back
 from symfive.moves._ways import REMEDY, Tested, Ways, cleared, least_retract
 
 __all__ = [
-    "BALL_RADIUS", "NOSE_LENGTH", "RAPID_MM", "REMEDY", "SMOOTH", "Clearances", "Moves", "Rod", "Tested", "Ways",
+    "BALL_RADIUS", "NOSE_LENGTH", "RAPID_MM", "REMEDY", "SMOOTH", "Box", "Clearances", "Moves", "Rod", "Tested", "Ways",
     "angle_clearance", "apart", "blocked_moves", "cleared", "kept_apart", "least_elevation", "least_retract", "least_upright",
-    "move_times", "nose_may_reach_post", "nose_over_table", "out_and_back", "out_of_nest_clearance", "post_clearance",
-    "round_trip", "there_and_back",
+    "move_times", "nose_may_reach_post", "nose_over_table", "off_obstacles", "out_and_back", "out_of_nest_clearance",
+    "post_clearance", "round_trip", "there_and_back",
 ]  # fmt: skip

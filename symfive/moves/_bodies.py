@@ -7,6 +7,7 @@
     nest    of an R-test: the tool does not leave the cone about its upright axis in which it is open (`nest_opening`); not tested
             where nobody says how wide that is
     bar     a cylinder from the table ball to the tool ball, kept off the cup by its least elevation
+    obstacles   boxes on the table (`obstacles`); a ball, its post or nest stands beside them
     tool    a cylinder about the tool's axis from the tool ball to the spindle nose
     nose    a cylinder about the tool's axis that begins `above_ball` over the tool ball and is `NOSE_LENGTH` long
 
@@ -104,6 +105,16 @@ def post_clearance(workspace: Workspace, table_ball: Any, place: Any, axis: Any)
     for share in np.linspace(0.0, 1.0, POST_POINTS):
         nearest = ca.fmin(nearest, _at_post(workspace, table_ball, place, axis, share))
     return nearest
+
+
+def off_obstacles(workspace: Workspace, table_ball: Any, probe: bool) -> dict[str, Any]:
+    """How much further than it must the ball on the table, or its post, stands beside each obstacle, mm."""
+    thick = max(workspace.sphere_radius if probe else BALL_RADIUS, workspace.post_radius or 0.0) + workspace.clearance
+    found = {}
+    for name, (low, high) in (workspace.obstacles or {}).items():
+        x, y = (ca.fabs(table_ball[i] - 0.5 * (low[i] + high[i])) - 0.5 * (high[i] - low[i]) for i in (0, 1))
+        found[name] = _outside(x, y) - thick
+    return found
 
 
 def kept_off_nest(workspace: Workspace, probe: bool) -> float:

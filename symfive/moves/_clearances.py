@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from typing import Any
 
@@ -23,13 +24,13 @@ from symfive.moves._bodies import (
     least_elevation,
     post_under_sphere,
 )
-from symfive.moves._distance import Rod, apart
+from symfive.moves._distance import Box, Rod, apart
 
 TABLE_DEPTH = 2000.0
 """mm of the table as a body: nobody says what is under it."""
 ON_THE_BAR = ("spindle nose and bar", "bar and post", "bar and table", "bar and cup")
 """Pairs that exist only while the bar is on."""
-NEST = "tool and nest"
+NEST, OBSTACLE = "tool and nest", "obstacle"
 NEAR = (*ON_THE_BAR[1:], "tool and table ball", "tip and post", NEST)
 """Pairs that come near while the instrument reads."""
 
@@ -61,6 +62,7 @@ class Clearances:
         self.nose = None if nose is None else float(nose["radius"])
         self.above = float(nose["above_ball"]) if nose is not None else -float(run.tool_ball[2])
         self.reach = math.hypot(self.above + NOSE_LENGTH, self.nose) if self.nose is not None else self.above
+        self.obstacles = workspace.obstacles or {}
         self.opening = None
         if "r_test" in run.instrument and workspace.nest_opening is not None:
             self.opening = math.radians(workspace.nest_opening)
@@ -72,6 +74,8 @@ class Clearances:
         found = [f"{body} and {other}" for body in bodies for other in others]
         found += ON_THE_BAR[self.nose is None :] if self.bar else ()
         found += [f"{self.end} and post", f"{self.end} and table"] if self.end else ()
+        bodies += [self.end or "tool ball", *(("bar",) if self.bar else ())]
+        found += [f"{body} and {OBSTACLE} {name}" for name in self.obstacles for body in bodies]
         found += [NEST] if self.opening is not None else ()
         return (*found, *(f"travel of {name}" for name in self.machine.axis_names))
 
@@ -101,7 +105,9 @@ class Clearances:
             pairs["bar and post"] = rod, post
             if self.nose is not None:
                 pairs["spindle nose and bar"] = bodies["spindle nose"], rod
-        found = self._apart(pairs, bodies, enough)
+        found = self._apart(pairs, bodies, enough) | self._off_obstacles(
+            {self.end or "tool ball": Rod(place, axis, np.zeros(count)), **bodies}, enough
+        )
         if not self.probe:  # in its nest
             found["tool and table ball"] = np.where(size > 2.0 * BALL_RADIUS, found["tool and table ball"], np.inf)
         if self.opening is not None:  # of the tool's upper end from the cone of the opening
@@ -139,11 +145,26 @@ class Clearances:
         gaps = apart(a, b, far.ravel()).reshape(far.shape) - balls
         return found | dict(zip(pairs, gaps, strict=True))
 
+    def _off_obstacles(self, bodies: dict[str, Rod], enough: float) -> dict[str, Array]:
+        """Distances (N,) of the bodies from the boxes on the table."""
+        pairs = list(itertools.product(self.obstacles, bodies))
+        if not pairs:
+            return {}
+        count = len(bodies["tool"].start)
+        low, high = (np.repeat([self.obstacles[name][end] for name, _ in pairs], count, axis=0) for end in (0, 1))
+        balls = np.array([[self._round(body)] for _, body in pairs])
+        far = np.broadcast_to(enough + balls, (len(pairs), count))
+        gaps = (
+            apart(Rod.joined([bodies[body] for _, body in pairs]), Box(low, high), far.ravel()).reshape(far.shape)
+            - balls
+        )
+        return {f"{body} and {OBSTACLE} {name}": gap for (name, body), gap in zip(pairs, gaps, strict=True)}
+
     def _round(self, names: str) -> float:
         """Radius of the ball that is one of two bodies, whose centre alone is a rod."""
         if names.endswith("table ball"):
             return self.sphere
-        return self.tip if self.end and names.startswith(self.end) else 0.0
+        return self.tip if names.startswith(self.end or "tool ball") else 0.0
 
     @staticmethod
     def _upright(count: int, foot: tuple[float, float, float], height: float, radius: float) -> Rod:

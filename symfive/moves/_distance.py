@@ -79,9 +79,35 @@ class Rod:
         return np.asarray(self.start + np.clip(along, 0.0, self.length)[:, None] * self.axis + share[:, None] * aside)
 
 
-def apart(a: Rod, b: Rod, enough: float | Array = math.inf) -> Array:
-    """Distance (N,) of the cylinders, mm, from below, negative where they meet; not sought further once it is above `enough`, of
-    all or (N,).
+@dataclass(frozen=True)
+class Box:
+    """Boxes along the axes of the frame: their corners `low` and `high` (N, 3), mm."""
+
+    low: Array
+    high: Array
+    axis = np.array([0.0, 0.0, 1.0])
+
+    def at(self, rows: Indices) -> Box:
+        """Some of them."""
+        return Box(self.low[rows], self.high[rows])
+
+    @property
+    def middle(self) -> Array:
+        """Their centres (N, 3)."""
+        return 0.5 * (self.low + self.high)
+
+    def farthest(self, direction: Array) -> Array:
+        """The corners (N, 3) that lie farthest along the directions (N, 3)."""
+        return np.where(direction > 0.0, self.high, self.low)
+
+    def nearest(self, points: Array) -> Array:
+        """The points (N, 3) of the boxes that are nearest to the points (N, 3)."""
+        return np.clip(points, self.low, self.high)
+
+
+def apart(a: Rod, b: Rod | Box, enough: float | Array = math.inf) -> Array:
+    """Distance (N,) of cylinders from cylinders or boxes, mm, from below, negative where they meet; not sought further once it is
+    above `enough`, of all or (N,).
 
     Three directions settle most: between the middles, along b (a stands above its end), and between two near points.
     """
@@ -129,7 +155,7 @@ def _cross(a: Array, b: Array) -> Array:
     return np.stack([y * w - z * v, z * u - x * w, x * v - y * u], axis=-1)
 
 
-def _support(a: Rod, b: Rod, direction: Array) -> Array:
+def _support(a: Rod, b: Rod | Box, direction: Array) -> Array:
     """The point of a - b that lies farthest against the direction."""
     return a.farthest(-direction) - b.farthest(direction)
 

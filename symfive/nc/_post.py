@@ -100,7 +100,8 @@ def collision_warning(machine: Machine, post: Post, runs: Sequence[Run]) -> tupl
         return f"{UNCHECKED}: the machine file names no spindle nose.", care
     if not post.tested:
         return f"{UNCHECKED} for the path of this program.", care
-    bodies = "post, bar and table" if any(map(has_bar, runs)) else "post and table"
+    bar = ["bar"] if any(map(has_bar, runs)) else []
+    bodies = f"{', '.join(['post', *bar, *(machine.workspace.obstacles or {})])} and table"
     where = "at every pose and on every move after the stop before the first one"
     tested = f"Tested: spindle nose, tool, {bodies} as simple bodies, {where}."
     assumed = [f"{said[0].upper()}{said[1:]}." for said in table_assumed(machine)]

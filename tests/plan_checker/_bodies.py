@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 LINES = 24
 HALVINGS = 24
+EDGE_MM = 5.0
 GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0
 
 
@@ -58,6 +59,38 @@ class Cylinder:
         return np.minimum(*ends) - self.radius * np.sqrt(np.maximum(1.0 - self.axis[:, 2] ** 2, 0.0))
 
 
+@dataclass(frozen=True)
+class Box:
+    """From corner `low` to corner `high` (3,), its faces square to the axes of the frame."""
+
+    low: Array
+    high: Array
+
+    def distance(self, points: Array) -> Array:
+        """Signed distance of `points` (N, k, 3), negative inside, mm."""
+        beyond = np.maximum(self.low - points, points - self.high)
+        return np.linalg.norm(np.maximum(beyond, 0.0), axis=-1) + np.minimum(beyond.max(axis=-1), 0.0)
+
+    def edges(self) -> Array:
+        """Points (k, 3) of its edges, every `EDGE_MM` at least."""
+        found = []
+        for along in range(3):
+            count = int(np.ceil((self.high[along] - self.low[along]) / EDGE_MM)) + 1
+            for corner in range(4):
+                points = np.empty((count, 3))
+                for i, upper in zip([i for i in range(3) if i != along], (corner & 1, corner >> 1), strict=True):
+                    points[:, i] = (self.high if upper else self.low)[i]
+                points[:, along] = np.linspace(self.low[along], self.high[along], count)
+                found.append(points)
+        return np.concatenate(found)
+
+
+def box_clearance(a: Cylinder, box: Box) -> Array:
+    """Distance of cylinders (N,) from a box in mm, negative where they meet: of their mantles' lines, and of its edges."""
+    edges = box.edges()
+    return np.minimum(_lines_to(a, box), a.distance(np.broadcast_to(edges, (len(a.start), *edges.shape))).min(axis=1))
+
+
 def clearance(a: Cylinder, b: Cylinder, near: float = 5.0) -> Array:
     """Distance of two cylinders (N,) in mm, negative where they meet; infinite where it is certainly above `near`."""
     found = np.full(len(a.start), np.inf)
@@ -68,7 +101,7 @@ def clearance(a: Cylinder, b: Cylinder, near: float = 5.0) -> Array:
     return found
 
 
-def _lines_to(a: Cylinder, b: Cylinder) -> Array:
+def _lines_to(a: Cylinder, b: Cylinder | Box) -> Array:
     """Smallest signed distance of a's lines from b (N,), by golden section."""
     starts = a.lines()
 

@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from ._bodies import Cylinder, clearance
+from ._bodies import Box, Cylinder, box_clearance, clearance
 from ._events import Finding
 from ._path import Path
 
@@ -103,6 +103,23 @@ def clearances(path: Path) -> Iterator[Finding]:
             found[where] = clearance(a.at(where), b.at(where))
         yield from _worst(path, "clearance", kept - found, TOUCH, partial(_close, name, found))
     yield from _table_ball(path, stands)
+    yield from _obstacles(path, on_bar)
+
+
+def _obstacles(path: Path, on_bar: NDArray[np.bool_]) -> Iterator[Finding]:
+    """Spindle nose, tool and bar keep off the boxes of the machine file, which turn with the table."""
+    everywhere = np.ones(len(path.q), bool)
+    for name, corners in path.machine.workspace.get("obstacles", {}).items():
+        box = Box(*np.array(corners, float))
+        for body, cylinder, where in (
+            ("spindle nose", path.nose, everywhere), ("tool", path.stem, everywhere), ("ball bar", path.bar, on_bar),
+        ):  # fmt: skip
+            if cylinder is None or not where.any():
+                continue
+            found = np.full(len(where), np.inf)
+            found[where] = box_clearance(cylinder.at(where), box)
+            kept = np.where(path.rapid, max(RAPID_MM, _clearance(path)), _clearance(path))
+            yield from _worst(path, "clearance", kept - found, TOUCH, partial(_close, f"{body} and {name}", found))
 
 
 def _table_ball(path: Path, stands: NDArray[np.bool_]) -> Iterator[Finding]:
