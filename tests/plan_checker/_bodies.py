@@ -85,10 +85,17 @@ class Box:
         return np.concatenate(found)
 
 
-def box_clearance(a: Cylinder, box: Box) -> Array:
-    """Distance of cylinders (N,) from a box in mm, negative where they meet: of their mantles' lines, and of its edges."""
-    edges = box.edges()
-    return np.minimum(_lines_to(a, box), a.distance(np.broadcast_to(edges, (len(a.start), *edges.shape))).min(axis=1))
+def box_clearance(a: Cylinder, box: Box, near: float = 5.0) -> Array:
+    """Distance of cylinders (N,) from a box in mm, negative where they meet: of their mantles' lines, and of its edges; infinite
+    where the balls about them are above `near`."""
+    middle, found = a.start + 0.5 * a.length[:, None] * a.axis, np.full(len(a.start), np.inf)
+    close = box.distance(middle[:, None, :])[:, 0] - np.hypot(0.5 * a.length, a.radius) < near
+    for rows in np.array_split(np.flatnonzero(close), 1 + int(close.sum()) // 500):
+        if rows.size:
+            some, edges = a.at(rows), box.edges()  # type: ignore[arg-type]
+            corners = some.distance(np.broadcast_to(edges, (rows.size, *edges.shape))).min(axis=1)
+            found[rows] = np.minimum(_lines_to(some, box), corners)
+    return found
 
 
 def clearance(a: Cylinder, b: Cylinder, near: float = 5.0) -> Array:
