@@ -7,8 +7,10 @@ import pytest
 
 from symfive.campaign import Run, SetupSigma, read_campaign
 from symfive.design import Sheet, setup_sheet
+from symfive.machine import preset
 from symfive.model import Model
 from symfive.nc import Post, program_steps
+from symfive.procedures import planar_circle, r_test_grid
 
 PLANS = Path(__file__).parent.parent / "designs" / "plans"
 FREE_UM = 1e4
@@ -30,6 +32,21 @@ def of_plan(name: str, changes: dict) -> tuple[Run, str, str]:
     stops = [step.text for step in program_steps(campaign.machine, run) if step.kind == "stop"]
     campaign = replace(campaign, runs=(run,))
     return run, stops[2], setup_sheet(Sheet(campaign=campaign, post=Post()), {}, ())
+
+
+def test_a_recording_is_started_and_stored_at_its_stops() -> None:
+    """The screen of an R-test in motion named neither; no text is longer than the 26 characters that every control shows."""
+    machine, wanted = preset("three-axis"), preset("table-bc")
+    sweep = replace(r_test_grid(wanted, returning=False)[0], sampling="dynamic")
+    disc = planar_circle(machine, instrument="grid_encoder")[0]
+    bar = planar_circle(machine)[0]
+    for owner, run, texts in (
+        (wanted, sweep, ["SEAT, ZERO IT, THEN RECORD", "STORED? FREE BALL"]),
+        (machine, disc, ["SEAT, ZERO IT, THEN RECORD", "STORED? FREE HEAD"]),
+        (machine, bar, ["MOUNT BAR, THEN RECORD", "STORED? REMOVE BAR"]),
+    ):
+        stops = [step.text for step in program_steps(owner, run) if step.kind == "stop"]
+        assert stops[-2:] == texts and max(map(len, stops)) <= 26
 
 
 @pytest.mark.parametrize(("plan", "changes", "stop", "place"), CASES.values(), ids=CASES)

@@ -227,9 +227,8 @@ def test_a_quick_plan_is_in_order(name: str, instrument: str, tmp_path: Path) ->
     assert in_order(made(tmp_path / "plan", location_only(name), instrument, 6))
 
 
-@pytest.mark.parametrize(
-    ("instrument", "high"), [("r_test", 90.0), pytest.param("ball_bar", 170.0, marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("instrument", "high"), [("r_test", 90.0), ("ball_bar", 170.0)])
 def test_a_plan_keeps_off_what_stands_on_the_table(instrument: str, high: float, tmp_path: Path) -> None:
     """Without the box in its machine file the plan is one that meets it."""
     machine = location_only("table-bc")

@@ -107,26 +107,25 @@ class Writer:
         found += self.first_moves()
         found += [] if self.circle is None else [Step(kind="contour", text=self.circle.plane)]
         zeroed = all(instrument.zeroed(run) for instrument in instruments_of(run))
-        then = "THEN RECORD" if self._recorded_bar else "ZERO IT" if zeroed else "KEEP ITS ZERO"
-        return [*found, Step(kind="stop", text=f"{'MOUNT' if self.bar else 'SEAT'} {self._ball}, {then}")]
+        seat = f"{'MOUNT' if self.bar else 'SEAT'} {self._ball}"
+        if run.dynamic:
+            text = f"{'SEAT, ZERO IT' if zeroed and not self.bar else seat}, THEN RECORD"
+        else:
+            text = f"{seat}, {'ZERO IT' if zeroed else 'KEEP ITS ZERO'}"
+        return [*found, Step(kind="stop", text=text)]
 
     def closing(self) -> list[Step]:
         """The stop at which the instrument is freed, and the last moves."""
         self.seated = False
         freed = f"{'REMOVE' if self.bar else 'FREE'} {self._ball}"
-        found = self.last_moves(f"STORED? {freed}" if self._recorded_bar else f"{freed}, START")
+        found = self.last_moves(f"STORED? {freed}" if self.run.dynamic else f"{freed}, START")
         upright = self.circle is not None and self.circle.plane != "XY"
         return [*found, Step(kind="contour", text="XY")] if upright else found
 
     @property
-    def _recorded_bar(self) -> bool:
-        """Whether a bar is read while it moves."""
-        return self.run.dynamic and self.bar
-
-    @property
     def _ball(self) -> str:
         words = [i.seated for i in instruments_of(self.run)]
-        return next((word for word in words if word != Instrument.seated), Instrument.seated).upper()
+        return next((word for word in words if word != Instrument.seated), Instrument.seated).split()[-1].upper()
 
     def first_moves(self) -> list[Step]:
         """The tool's axis alone to the top, rotary axes, plane, down to the lifted pose; a look at it; creep in."""
