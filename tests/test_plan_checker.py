@@ -85,6 +85,7 @@ FAULTS: dict[str, tuple[str, Callable[[Path], None]]] = {
     "the nest opens less far than the tool leans": ("nest",
         edit("machine.toml", r"^\[workspace\]", "[workspace]\nnest_opening = 25.0")),
     "the first move is a five-axis rapid": ("first move", edit("nc/iso/nest.nc", r"G53 G0 Z0\n", "")),
+    "a length is cancelled where the tool stands": ("first move", edit("nc/iso/nest.nc", r"^M5$", "M5\nG49")),
     "the plane moves before the rotary axes": ("first move",
         edit("nc/linuxcnc/bar.ngc", r"(G0 B[^\n]*\n)(G0 X[^\n]*\n)", r"\2\1")),
     "the tool goes down before the plane": ("first move",

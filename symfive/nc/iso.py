@@ -6,7 +6,9 @@ look-ahead (`G5.1 Q1`, `G8 P1`, Haas `G187`) is on in production is switched on 
 Spindle orientation to an angle (`M19` with R, S or nothing) is the builder's: the program stops, the operator turns the spindle.
 `#3006` stops and shows its text (26 characters); `G28` drives to the reference point, which lies at the top of the tool's axis.
 `G43.4` fixes X, Y and Z to the table as it stands then (Fanuc 30i A-79348E 1.1, 15i B-63783EN-1 10.4.14, Mitsubishi M700V 13.24).
-It and `G49` name the place where the axes stand: alone in a block they move the tool by its length where parameter 5006#6 is 0.
+It and `G49` name the place where the axes stand: alone in a block they move the tool by its length where parameter 5006#6 is 0
+(Mazak: F93, F94). So `G49` waits until the tool is at its top, where `G28` has cancelled the offset (0i-MB B-63844EN 14.1.2), and
+`G28` follows once more.
 `G31` skips what is left of a move; without contact `#5061` … hold its end. `DPRNT` prints eight digits, and
 a number of more than eight is an alarm. From the makers' documentation.
 """
@@ -56,11 +58,11 @@ ISO = Dialect(
     name="iso",
     suffix=".nc",
     head=("%", "O{number} ({name})"),
-    start=("G21 G17 G90 G94 G40 G49 G80", "G69", "M5", "G54"),
+    start=("G21 G17 G90 G94 G40 G80", "G69", "M5", "G54"),
     end=("M30", "%"),
     dwell="G4 X{seconds}",
     stop=("#3006=1({text})",),
-    retract=("G49", "G91 G28 {axis}0.", "G90"),
+    retract=("G91 G28 {axis}0.", "G49", "G28 {axis}0.", "G90"),
     orient=("#3006=1(TURN SPINDLE TO {angle} DEG)",),
     comment="({text})",
     datum="G54 calls the datum, G49: no tool length offset. What the program before left must be zero or off: G52, G92, external "

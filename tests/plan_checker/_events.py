@@ -143,7 +143,7 @@ class Control:
     def switch(self, line: int, fact: str) -> None:
         """A state of the control is set."""
         self.facts.add(fact)
-        if not any(event.motion and not (event.machine and fact.startswith("datum")) for event in self.events):
+        if not any(event.motion and not (event.machine and fact.startswith(("datum", "G49"))) for event in self.events):
             self.before_motion.add(fact)
         self.say("switch", line, fact)
 

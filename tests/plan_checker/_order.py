@@ -27,6 +27,13 @@ def first_move(path: Path) -> Iterator[Finding]:
     for event in path.events:
         if event.kind == "stop" and BY_HAND.search(event.text):
             known[:] = False
+        if (
+            event.kind == "switch"
+            and event.text in DIALECTS[path.dialect].moves_alone
+            and not known[path.machine.tool_axis]
+        ):
+            yield path.fault("first move", event.line, f"{event.text} may move the tool by its length where it stands")
+            return
         if not event.motion or known.all():
             continue
         moved = np.isin(np.arange(len(known)), event.moved)
@@ -41,9 +48,10 @@ def first_move(path: Path) -> Iterator[Finding]:
 def _out_of_order(path: Path, event: Event, known: np.ndarray, moved: np.ndarray) -> str:
     names, tool, rotary = path.machine.names, path.machine.tool_axis, path.machine.rotary
     axes = ", ".join(n for n, m in zip(names, moved, strict=True) if m)
+    if event.machine and moved[tool] and moved.sum() == 1:
+        return ""
     if not known[tool]:
-        alone = event.machine and moved[tool] and moved.sum() == 1
-        return "" if alone else f"{axes} move before {names[tool]} alone has gone to its top in machine coordinates"
+        return f"{axes} move before {names[tool]} alone has gone to its top in machine coordinates"
     high = abs(event.start[tool] - path.machine.top) < 1.0 and not moved[tool]
     if (rotary & ~known).any():
         return (

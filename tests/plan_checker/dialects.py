@@ -12,7 +12,8 @@ class Dialect:
     words for machine coordinates in a block, `no_length` the G code without a tool length, `centre` the words (G codes without
     their G) for tool-centre control on and off, `frame_of_start` whether its frame is that of the table as it stands then;
     `known` further G codes that set a state; `needed` the states that a program sets before its first motion (of those in
-    brackets one), `turning` where rotary axes are. `message`: a text for the screen, whether it stops the program itself
+    brackets one), `turning` where rotary axes are, `moves_alone` codes that may move the tool by its length where it stands.
+    `message`: a text for the screen, whether it stops the program itself
     (`stops`; 26 characters), whether it stays until the next one (`held`), whether a comment at a stop is
     shown too (`reads_comment`).
 
@@ -39,6 +40,7 @@ class Dialect:
     centre: tuple[str, str] = ("43.4", "49")
     frame_of_start: bool = True
     known: str = ""
+    moves_alone: tuple[str, ...] = ()
     turns: tuple[str, float] = ("P", 1.0)
     message: str = ""
     stops: bool = False
@@ -52,7 +54,7 @@ G_STATES = ("G17", "G21", "G40", "G80", "G90", "G49", "datum")
 
 DIALECTS: dict[str, Dialect] = {
     "iso": Dialect(
-        suffix=".nc", top="G91 G28 Z0.", calls=("G21 G17 G90 G94 G40 G49 G80", "G69", "G54", "G49"),
+        suffix=".nc", top="G91 G28 Z0.", calls=("G21 G17 G90 G94 G40 G80", "G69", "G54"), moves_alone=("G49",),
         screen=r"#3006=1\(([^)]{5,26})\)", orient=r"TURN SPINDLE TO (\d+)",
         circle=(IN, f"{TURN} F1000", f"{TURN} F1000", OUT), spoiled=("G2 X", "G3 X", ""),
         needed=G_STATES, message=r"#3006\s*=\s*1\s*\((?P<text>.*?)\)", stops=True,

@@ -166,7 +166,7 @@ def _gcode(machine: Machine, run: Made, head: list[str], top: str, dwell: str, s
 
 
 def _iso(machine: Machine, run: Made) -> Iterator[str]:
-    head = ["%", f"O0001 ({run.name})", "G21 G90 G17 G40 G49 G80", "M5", "G53 G0 Z0", "G54", "G93"]
+    head = ["%", f"O0001 ({run.name})", "G21 G90 G17 G40 G80", "M5", "G53 G0 Z0", "G49", "G54", "G93"]
     return _gcode(machine, run, head, "G53 G0 Z0", "G4 X{:.3f}", lambda t: [f"M0 ({t})"], ["G94", "M30", "%"])
 
 
