@@ -255,7 +255,8 @@ def _fed_in(path: Path, event: Event, others: list[Event], centre: np.ndarray, r
         pulled = float(np.linalg.norm(b)) - radius
         across = abs(float(a[0] * b[1] - a[1] * b[0])) / radius
         still = np.delete(np.abs(e.end - e.start), plane)
-        if not OUT_MM[0] <= pulled <= OUT_MM[1] or across > ON_CIRCLE_MM or (still.size and still.max() > 0.0):
+        least = min(OUT_MM[0], float(path.machine.workspace.get("bar_stroke", 1.0)))
+        if not least <= pulled <= OUT_MM[1] or across > ON_CIRCLE_MM or (still.size and still.max() > 0.0):
             says = f"the bar is fed {pulled:.3f} mm outside its circle, {across:.4f} mm beside the radius"
             yield path.fault("arc", e.line, says)
     if not others[0].line < event.line < others[1].line:
