@@ -80,14 +80,11 @@ def along_the_curve(run: Run, factor: int, respond: Callable[[int], Array]) -> A
 
 
 def finer(run: Run, column: Array, factor: int) -> tuple[Array, int]:
-    """What is commanded at `factor` instants per interval, without gaps, with what came before and comes after, and the place of
-    the first row."""
+    """What is commanded at `factor` instants per interval, without gaps, with what came before and what comes after, which an
+    early clock sees, and the place of the first row."""
     if len(column) != run.steps[-1] + 1:
         column = _whole(run.steps.tobytes(), np.ascontiguousarray(column).tobytes())
-    before, after = (
-        lead(run, column),
-        lead(run, column[::-1])[::-1],
-    )  # an early clock sees what comes after the last row
+    before, after = lead(run, column), lead(run, column[::-1])[::-1]
     column, first = np.concatenate([before, column, after]), len(before)
     if factor == 1:
         return column, first
