@@ -28,8 +28,9 @@ from symfive.posterior._fit import (
 from symfive.posterior._moments import Moments, moments_of
 from symfive.posterior._noise import grams, nodes_of
 from symfive.posterior._polish import expanded, polish
-from symfive.posterior._sweep import WIDTHS, Sweep, log_width, nearest_width, widths_of
+from symfive.posterior._sweep import Sweep, widths_of
 from symfive.posterior._terms import EXPECTED, Candidates, Name, Term, candidates, name_of
+from symfive.posterior._widths import WIDTHS, log_width, nearest_width
 
 __all__ = [
     "EXPECTED", "SAME", "WHITE", "WIDTHS", "Candidates", "Expansion", "Moments", "Name", "Posterior", "Subset", "Sweep", "Term",

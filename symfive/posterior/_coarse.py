@@ -51,7 +51,8 @@ def coarsened(posterior: Posterior, unnamed: Collection[int] = ()) -> Posterior:
     doubt = _no_noise(moments, node)
     if doubt == 0.0:
         return usual
-    white = np.where(np.arange(len(moments.nodes)) == 0, 0.0, -np.inf)
+    white = np.where([each.size == 0.0 for each in moments.nodes], moments.log_prior, -np.inf)
+    white -= np.logaddexp.reduce(white)
     slow = moments.count * node.size**2
     other = _tempered(posterior, energy + SHARE**2 * slow, white, evidence.kappa2)
     return replace(posterior, mass=_mixed([(usual, 1.0 - doubt), (other, doubt)]))
@@ -76,9 +77,10 @@ def _no_noise(moments: Moments, node: Node) -> float:
     """How probable it is that what a node holds is no noise of an instrument: an unidentified effect may have any size."""
     if node.size == 0.0:
         return 0.0
-    same = [each.log_prior for each in moments.nodes if each.size == node.size]
+    same = [each.size == node.size for each in moments.nodes]
     sizes = {each.size for each in moments.nodes if each.size > 0.0}
-    odds = UNIDENTIFIED / len(sizes) / float(np.sum(np.exp(same)))
+    share = np.logaddexp.reduce(moments.log_prior[same]) - np.logaddexp.reduce(moments.log_prior)
+    odds = UNIDENTIFIED / len(sizes) / float(np.exp(share))
     return odds / (1.0 + odds)
 
 

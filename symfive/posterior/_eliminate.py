@@ -1,7 +1,8 @@
 """Elimination of set-up and geometry from Gram matrices, or from the rows of which these are the products.
 
 With M the Gram matrix of columns s, which have a prior N(0, 1), and others t: M_tt - M_ts (M_ss + I)⁻¹ M_st, and log|M_ss + I|
-for the evidence. Where there are fewer rows than columns the rows are kept: (S·Sᵀ + I)^(-½) times the other columns.
+for the evidence. How far columns are from their prior means, `departure`, is (s,), or (J, s) of every matrix. Where there are
+fewer rows than columns the rows are kept: (S·Sᵀ + I)^(-½) times the other columns.
 """
 
 from __future__ import annotations
@@ -69,7 +70,7 @@ def eliminated_rows(rows: Array, first: int, departure: Array) -> tuple[Array, A
     own, rest = rows[:, :, :first], rows[:, :, first:].copy()
     if first == 0:
         return rest, np.zeros(len(rows))
-    rest[:, :, -1] += own @ departure
+    rest[:, :, -1] += np.sum(own * np.expand_dims(departure, -2), axis=2)
     axes, sizes, _ = np.linalg.svd(own, full_matrices=False)
     for one, size, right in zip(axes, sizes, rest, strict=True):
         right -= one @ ((1.0 - 1.0 / np.sqrt(1.0 + size**2))[:, None] * (one.T @ right))
@@ -89,5 +90,5 @@ def eliminated(gram: Array, first: int, departure: Array) -> tuple[Array, Array]
     factor = np.linalg.cholesky(a)
     solved = np.linalg.solve(factor, cross)
     rest = gram[:, first:, first:] - np.swapaxes(solved, 1, 2) @ solved
-    rest[:, -1, -1] += departure @ departure
+    rest[:, -1, -1] += np.sum(departure**2, axis=-1)
     return rest, 2.0 * np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1)

@@ -12,8 +12,9 @@ from symfive.arrays import Array
 from symfive.posterior._evidence import Blocks, Selected, discrepancies, equations, evidence_of, log_evidence
 from symfive.posterior._moments import Moments
 from symfive.posterior._noise import NEGLIGIBLE
-from symfive.posterior._sweep import WIDTHS, Sweep, log_width, nearest_width, widths_of
+from symfive.posterior._sweep import Sweep, widths_of
 from symfive.posterior._terms import Name, complete
+from symfive.posterior._widths import WIDTHS, log_width, nearest_width
 
 __all__ = ["Posterior", "Subset", "explore", "held_by", "log_prior", "marginal_evidence"]
 

@@ -20,7 +20,7 @@ from symfive.effects import Form
 from symfive.identify import Identification
 from symfive.posterior._eliminate import Total, eliminated, eliminated_rows
 from symfive.posterior._noise import EXACT_ROWS, Node, grams, nodes_of, whitened
-from symfive.posterior._tables import Columns, Table, Tables
+from symfive.posterior._tables import Columns, Scale, Table, Tables
 from symfive.posterior._terms import Term, terms_of
 
 __all__ = ["Alike", "Columns", "Moments", "moments_of"]
@@ -126,16 +126,19 @@ def moments_of(fit: Identification, held: Sequence[Form], fresh: Sequence[Form])
     campaign = fit.model.campaign
     runs = campaign.runs
     readings = sum(run.rows * len(fit.model.columns(run)) for run in runs)
-    nodes = nodes_of(max(map(_recorded, runs)), min(run.interval for run in runs), readings)
+    noises = nodes_of(max(map(_recorded, runs)), min(run.interval for run in runs), readings)
     tables = Tables(fit, [form.effect for form in held], fresh)
+    scales = tables.scales
+    nodes = tuple(replace(n, log_prior=n.log_prior + scale.log_prior) for scale in scales for n in noises)
+    departure = np.repeat([tables.departure / scale.geometry for scale in scales], len(noises), axis=0)
     total, alone, raw = (Total(number, tables.size) for number in (len(nodes), len(nodes), 1))
     const, count = np.zeros(len(nodes)), 0
     for table in tables:
-        const += _summed(table, table.rows, nodes, total, raw)
+        const += _summed(table, table.rows, noises, scales, total, raw)
         count += table.count
         if table.alone is not None:
-            _summed(table, table.alone, nodes, alone)
-    gram, few, logs = total.without(tables.geometry, tables.departure)
+            _summed(table, table.alone, noises, scales, alone)
+    gram, few, logs = total.without(tables.geometry, departure)
     first = tables.geometry
     columns = tuple(c.behind(first) for c in tables.columns)
     prior = np.array([node.log_prior for node in nodes])
@@ -146,27 +149,33 @@ def moments_of(fit: Identification, held: Sequence[Form], fresh: Sequence[Form])
     found = Moments(fit, terms, columns, len(held), nodes, gram, const + logs, prior, count, blocks, whole, few)
     if not tables.alone:
         return found
-    gram, few, _ = alone.without(tables.geometry, tables.departure)
+    gram, few, _ = alone.without(tables.geometry, departure)
     return replace(found, alone=replace(found, gram=gram, rows=few))
 
 
-def _summed(table: Table, rows: Array, nodes: Sequence[Node], total: Total, raw: Total | None = None) -> Array:
-    """Adds the moments of a run's `rows`, its set-up eliminated, to a `total`, and under white noise, with nothing eliminated, to
-    `raw`; what they add to `const` (J,)."""
+def _summed(
+    table: Table, rows: Array, noises: Sequence[Node], scales: Sequence[Scale], total: Total, raw: Total | None = None
+) -> Array:
+    """Adds the moments of a run's `rows`, its set-up eliminated, to a `total`, under every noise where each of the scales holds,
+    and under white noise, with nothing eliminated, to `raw`; what they add to `const` (J,)."""
     count, columns, size = rows.shape
-    if count < EXACT_ROWS and count * columns < size:
-        white, logs = whitened(rows, table.interval, nodes)
-        if raw:
-            raw.add_rows(white[:1, :, table.setup :], table.where)
-        white, more = eliminated_rows(white, table.setup, table.departure)
-        total.add_rows(white, table.where)
-    else:
-        white, logs = grams(rows, table.interval, nodes)
-        if raw:
-            raw.add(white[:1, table.setup :, table.setup :], table.where)
-        white, more = eliminated(white, table.setup, table.departure)
-        total.add(white, table.where)
-    return logs + more
+    few = count < EXACT_ROWS and count * columns < size
+    white, logs = (whitened if few else grams)(rows, table.interval, noises)
+    if raw and few:
+        raw.add_rows(white[:1, :, table.setup :], table.where)
+    elif raw:
+        raw.add(white[:1, table.setup :, table.setup :], table.where)
+    found, const = list[Array](), list[Array]()
+    for scale in scales:
+        factor, departure = table.wider(scale), table.departure / scale.setup
+        if few:
+            left, more = eliminated_rows(white * factor, table.setup, departure)
+        else:
+            left, more = eliminated(white * np.outer(factor, factor), table.setup, departure)
+        found.append(left)
+        const.append(logs + more)
+    (total.add_rows if few else total.add)(np.concatenate(found), table.where)
+    return np.concatenate(const)
 
 
 def _recorded(run: Run) -> float:

@@ -26,8 +26,8 @@ from symfive.identify import Identification
 from symfive.inference import whiten
 from symfive.model import Linearisation, Model
 from symfive.posterior._noise import Node
-from symfive.posterior._sweep import WIDTHS
 from symfive.posterior._tangents import Channel, probes, tangent
+from symfive.posterior._widths import WIDTHS
 
 __all__ = ["placed"]
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
-from functools import cache, partial
+from functools import partial
 
 import numpy as np
 
@@ -15,22 +15,12 @@ from symfive.arrays import Array, Flags, Indices
 from symfive.posterior._evidence import Blocks, Equations, Selected, Turned, bounded, equations, evidence_of
 from symfive.posterior._moments import Alike, Moments
 from symfive.posterior._scale import settled, solved
+from symfive.posterior._widths import WIDTHS, log_width, nearest_width
 
-__all__ = ["WIDTHS", "Sweep", "log_width", "nearest_width", "widths_of"]
+__all__ = ["Sweep", "widths_of"]
 
-WIDTHS = (1.0, 3.0, 10.0, 30.0, 100.0)
-"""Prior widths of amplitudes in units of the usual one, half a decade apart: nothing is capped by what machine tools usually
-have."""
 CHUNK = 1 << 17
 """Numbers of a table at a time: what is at work stays in the processor's cache."""
-
-
-@cache
-def log_width(width: float, widths: tuple[float, ...]) -> float:
-    """Log of the prior probability of one of these widths: a half-Cauchy distribution in steps of equal ratio (A. Gelman 2006; N.
-    Polson & J. Scott 2012). Large sizes are rare, and none is excluded."""
-    weights = [w / (1.0 + w * w) for w in widths]
-    return float(np.log(width / (1.0 + width * width) / sum(weights)))
 
 
 def widths_of(moments: Moments, number: int) -> tuple[float, ...]:
@@ -38,11 +28,6 @@ def widths_of(moments: Moments, number: int) -> tuple[float, ...]:
     another effect: neither has a size of its own."""
     term = moments.terms[number]
     return WIDTHS[:1] if term.effect.departs or term.needs else WIDTHS
-
-
-def nearest_width(size: float, widths: Sequence[float] = WIDTHS) -> float:
-    """The prior width nearest to an amplitude in log scale."""
-    return min(widths, key=lambda width: abs(np.log(width / max(size, 1e-300))))
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,23 +16,41 @@ from symfive.identify import Identification
 from symfive.model import Linearisation, Model
 from symfive.posterior._tangents import Compressed, channel_of, compressed, probes
 from symfive.posterior._terms import own_parameters, starts_of
+from symfive.posterior._widths import WIDTHS, log_width, nearest_width
 
 __all__ = ["Columns", "Table", "Tables"]
+
+
+class Scale(NamedTuple):
+    """By how much the stated 1σ of geometry and of set-up are too small, and how probable that is."""
+
+    geometry: float
+    setup: float
+
+    @property
+    def log_prior(self) -> float:
+        return log_width(self.geometry, WIDTHS) + log_width(self.setup, WIDTHS)
 
 
 @dataclass(frozen=True)
 class Table:
     """One run: `rows` (N, ny, s + k) in declared noise, first the `setup` s columns, then those that stand at `where` (k,) in the
-    whole; `departure` (s,) of the set-up from its prior mean, in 1σ; `count` of readings; `alone` the rows with the fresh terms'
-    slopes without what the fit holds, None where there are none."""
+    whole, the geometry's before `geometry`; `departure` (s,) of the set-up from its prior mean, in 1σ; `count` of readings;
+    `alone` the rows with the fresh terms' slopes without what the fit holds, None where there are none."""
 
     rows: Array
     alone: Array | None
     interval: float
     setup: int
     where: Indices
+    geometry: int
     departure: Array
     count: int
+
+    def wider(self, scale: Scale) -> Array:
+        """The factor of each column (s + k,) where what is stated of set-up and geometry is so many times too small."""
+        shared = np.where(self.where < self.geometry, scale.geometry, 1.0)
+        return np.concatenate([np.full(self.setup, scale.setup), shared])
 
 
 @dataclass(frozen=True)
@@ -181,6 +201,18 @@ class Tables:
         whole = {run: lines[0].prediction for run, lines in self._lines.items()}
         self._contributions = [fit.model.contribution(effect, fit.values, whole) for effect in held]
 
+    @cached_property
+    def scales(self) -> tuple[Scale, ...]:
+        """What is stated of geometry and set-up holds, or both are wrong by as much as those of them that the readings tell are
+        further from it than that, in the rms."""
+        found = []
+        for shared in (True, False):
+            own = [p for p in self.fit.parameters if p.name not in self._held_own and (p.run is None) == shared]
+            told = sum(max(0.0, 1.0 - (self.fit.uncertainty(p.name) / p.sigma) ** 2) for p in own)
+            square = sum(((self.fit[p.name] - p.mean) / p.sigma) ** 2 for p in own)
+            found.append(nearest_width(float(np.sqrt(square / max(told, 1.0)))))
+        return tuple(dict.fromkeys([Scale(1.0, 1.0), Scale(*found)]))
+
     def _compressed(self, forms: Sequence[Form]) -> dict[int, Compressed]:
         """By identity of the form."""
         if not forms:
@@ -317,7 +349,8 @@ class Tables:
         other = self._scaled(run, np.concatenate(parts, axis=2)[:, :, used]) if alone else None
         departure = np.array([(self.fit[p.name] - p.mean) / p.sigma for p in own])
         count = int(np.sum(self.kept(run)))
-        return Table(rows[:, :, used], other, run.interval, len(setup), at[used[len(setup) :]], departure, count)
+        there = at[used[len(setup) :]]
+        return Table(rows[:, :, used], other, run.interval, len(setup), there, self.geometry, departure, count)
 
     def _slopes(self, model: Model, line: Linearisation, names: Sequence[str]) -> Array:
         """The slopes of a run in parameters by name (N, ny, names), times their prior 1σ; none in those that move nothing."""
