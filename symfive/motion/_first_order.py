@@ -39,7 +39,8 @@ def lag_response(pieces: Array, interval: float, tau: float, place: Array, *, se
     place = np.clip(place, 0.0, pieces.shape[1])
     row = np.minimum(place.astype(np.int64), pieces.shape[1] - 1)
     powers, changes = np.array([1.0, -tau, tau**2, -(tau**3)]), np.array([0.0, -1.0, 2.0 * tau, -3.0 * tau**2])
-    given = _derivatives(pieces[:, row], (place - row) * interval)
+    since = (place - row) * interval
+    given = _derivatives(pieces[:, row], since)
     motion, rate = np.empty((len(place), 3, 2)), np.empty((len(place), 3))
     for k in range(3):
         motion[:, k, 0], motion[:, k, 1] = powers[: 4 - k] @ given[k:], changes[: 4 - k] @ given[k:]
@@ -51,7 +52,6 @@ def lag_response(pieces: Array, interval: float, tau: float, place: Array, *, se
         off = lfilter([1.0], [1.0, -keep], powers @ jump)
         forcing = changes @ jump
         forcing[1:] += keep * interval / tau**2 * off[:-1]
-        since = (place - row) * interval
         fades = np.exp(-since / tau)
         left = off[row] * fades
         change = lfilter([1.0], [1.0, -keep], forcing)[row] * fades + left * since / tau**2

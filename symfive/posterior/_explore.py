@@ -141,8 +141,8 @@ class _Search:
                 if k >= self.moments.held and k not in self.unseen and (term.needs or not full)
                 and complete([*held, term]) and not any(term.excludes(h) for h in held)
             ]  # fmt: skip
-            general = [k for k in free if terms[k].effect.unidentified or terms[k].needs]
-            parts = [[k for k in free if k not in set(general)], *([] if self.named else [general])]
+            general = {k for k in free if terms[k].effect.unidentified or terms[k].needs}
+            parts = [[k for k in free if k not in general], *([] if self.named else [sorted(general)])]
             self.see(subset)
             each = [self._swept(subset, part, self.blocks[subset]) for part in parts]
             free, widths = [k for part in parts for k in part], [width for _, own in each for width in own]

@@ -20,7 +20,7 @@ from symfive.effects import Form
 from symfive.identify import Identification
 from symfive.posterior._eliminate import Total, eliminated, eliminated_rows
 from symfive.posterior._noise import EXACT_ROWS, Node, grams, nodes_of, whitened
-from symfive.posterior._tables import Columns, Scale, Table, Tables
+from symfive.posterior._tables import STATED, Columns, Scale, Table, Tables
 from symfive.posterior._terms import Term, terms_of
 
 __all__ = ["Alike", "Columns", "Moments", "moments_of"]
@@ -167,11 +167,9 @@ def _summed(
         raw.add(white[:1, table.setup :, table.setup :], table.where)
     found, const = list[Array](), list[Array]()
     for scale in scales:
-        factor, departure = table.wider(scale), table.departure / scale.setup
-        if few:
-            left, more = eliminated_rows(white * factor, table.setup, departure)
-        else:
-            left, more = eliminated(white * np.outer(factor, factor), table.setup, departure)
+        factor = table.wider(scale)
+        wide = white if scale == STATED else white * (factor if few else np.outer(factor, factor))
+        left, more = (eliminated_rows if few else eliminated)(wide, table.setup, table.departure / scale.setup)
         found.append(left)
         const.append(logs + more)
     (total.add_rows if few else total.add)(np.concatenate(found), table.where)

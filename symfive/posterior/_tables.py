@@ -18,7 +18,7 @@ from symfive.posterior._tangents import Compressed, channel_of, compressed, prob
 from symfive.posterior._terms import own_parameters, starts_of
 from symfive.posterior._widths import WIDTHS, log_width, nearest_width
 
-__all__ = ["Columns", "Table", "Tables"]
+__all__ = ["STATED", "Columns", "Scale", "Table", "Tables"]
 
 
 class Scale(NamedTuple):
@@ -30,6 +30,9 @@ class Scale(NamedTuple):
     @property
     def log_prior(self) -> float:
         return log_width(self.geometry, WIDTHS) + log_width(self.setup, WIDTHS)
+
+
+STATED = Scale(1.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -211,7 +214,7 @@ class Tables:
             told = sum(max(0.0, 1.0 - (self.fit.uncertainty(p.name) / p.sigma) ** 2) for p in own)
             square = sum(((self.fit[p.name] - p.mean) / p.sigma) ** 2 for p in own)
             found.append(nearest_width(float(np.sqrt(square / max(told, 1.0)))))
-        return tuple(dict.fromkeys([Scale(1.0, 1.0), Scale(*found)]))
+        return tuple(dict.fromkeys([STATED, Scale(*found)]))
 
     def _compressed(self, forms: Sequence[Form]) -> dict[int, Compressed]:
         """By identity of the form."""
