@@ -109,7 +109,7 @@ def check(path: Path | str) -> Check:
                     notes += ("no error is declared, so that only the set-up of the runs can be identified",)
             notes += doubts(campaign)
             found += [
-                InputError(problem, path=_campaign_path(path), remedy=remedy, keys=("run", number))
+                InputError(problem, path=_file(path, "campaign.toml"), remedy=remedy, keys=("run", number))
                 for number, run in enumerate(runs)
                 for problem, remedy in out_of_reach(machine, run)
             ]
@@ -133,7 +133,7 @@ def _effect_problems(machine: Machine, runs: tuple[Run, ...], path: Path) -> lis
         else:
             baseline_effects(machine)
     except InputError as error:
-        return [error.at(_machine_path(path), keys=("model", "effects"))]
+        return [error.at(_file(path, "machine.toml"), keys=("model", "effects"))]
     return []
 
 
@@ -144,7 +144,7 @@ def _nothing_free(path: Path, runs: tuple[Run, ...] = ()) -> InputError:
         return InputError(problem, path=path, remedy=remedy, keys=("run", 0))
     problem = "no error is declared, so that nothing can be identified"
     return InputError(
-        problem, path=_machine_path(path), remedy="list the errors to identify under [errors]", keys=("errors",)
+        problem, path=_file(path, "machine.toml"), remedy="list the errors to identify under [errors]", keys=("errors",)
     )
 
 
@@ -155,12 +155,8 @@ def _is_campaign(path: Path) -> bool:
         return path.name == "campaign.toml"
 
 
-def _machine_path(path: Path) -> Path:
-    return path / "machine.toml" if path.is_dir() else path
-
-
-def _campaign_path(path: Path) -> Path:
-    return path / "campaign.toml" if path.is_dir() else path
+def _file(path: Path, name: str) -> Path:
+    return path / name if path.is_dir() else path
 
 
 def _concerns_errors(error: InputError) -> bool:
