@@ -77,7 +77,9 @@ def test_plays_are_named_with_their_widths_and_nothing_beside(name, tmp_path):
     widths = {f.axis: f.parameters["width"].value for f in found.findings if f.name == "backlash"}
     assert len(widths) == len(found.findings)
     assert widths == pytest.approx({"XY"[k]: w for k, w in enumerate(play) if w}, rel=0.05)
-    assert all(f.confidence > 0.5 for f in found.findings)  # lateral play reads nearly alike on one circle, and is said
+    assert all(
+        f.confidence > 0.5 for f in found.findings
+    )  # lateral play can hardly be distinguished on one circle, and is said
 
 
 @pytest.mark.slow
@@ -97,7 +99,7 @@ def test_on_a_trunnion_machine_play_keeps_its_common_name(tmp_path):
     (scale,) = (f for f in found.findings if f.name != "backlash")
     assert scale.name == "scale_error" and abs(scale.parameters["ppm"].value) == pytest.approx(50.0, rel=0.05)
     assert all(f.confidence > 0.5 for f in found.findings)
-    said = {name for f in found.findings for name in f.alias}  # what reads the same on one circle
+    said = {name for f in found.findings for name in f.alias}  # what one circle cannot distinguish
     assert {"lateral_play.EAY", "lateral_play.EBX"} <= said
 
 
@@ -170,7 +172,7 @@ def test_six_faults_at_once_are_all_found():
             deviation = spiked(s, deviation, axis, heights[axis], 4.0)
         read[s] = deviation
     found = {(f.name, f.axis): f for f in diagnose(turns(read)).findings}
-    axis = next(axis for name, axis in found if name == "servo_mismatch")  # at equal feeds both read alike
+    axis = next(axis for name, axis in found if name == "servo_mismatch")  # at equal feeds they cannot be distinguished
     assert set(found) == {
         ("friction", "X"), ("friction", "Y"), ("backlash", "X"), ("transmission_error", "X"), ("servo_mismatch", axis),
     }  # fmt: skip

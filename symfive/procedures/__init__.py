@@ -26,7 +26,6 @@ from symfive.procedures._synchronous_circle import (
 __all__ = [
     "DIRECTIONS", "DWELL_S", "FEED_IN_MM", "PAUSE_S", "PLANES", "CircleFrame", "Nominal", "campaign_of", "checked",
     "circle_frame", "cone_circle", "feed_in", "followed", "frame_within_travel", "grid_encoder_lines", "heights",
-    "linear_positioning",
-    "one_after_another", "planar_circle", "polar_angle", "r_test_grid", "ramp_of", "rotary_circle", "senses", "serpentine",
-    "static_ball_bar", "synchronous_circle", "through", "tool_ball_of", "within_travel",
+    "linear_positioning", "one_after_another", "planar_circle", "polar_angle", "r_test_grid", "ramp_of", "rotary_circle",
+    "senses", "serpentine", "static_ball_bar", "synchronous_circle", "through", "tool_ball_of", "within_travel",
 ]  # fmt: skip
