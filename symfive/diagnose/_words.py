@@ -25,8 +25,7 @@ def facts_of(finding: Finding, after: Identification) -> dict[str, str]:
     machine = after.model.machine
     words, numbers, vectors = _sizes(finding, after)
     sizes = [*words, *numbers[:SHOWN_NUMBERS], *vectors, *_discrepancies(finding)]
-    if (usual := _times_usual(finding, after)) > HUGE:
-        sizes.append(f"{plain_number(usual)} times its usual size: check the units, or look for another cause")
+    sizes += _beyond_usual(finding, after)
     hidden = [f"geometry and set-up absorbed {percent(1.0 - finding.visible)} of it"] if finding.visible < 0.999 else []
     hidden += [", ".join(_moves(finding, after)[:SHOWN_MOVES])] if finding.moved else []
     law = finding.effect.of if isinstance(finding.effect, Varying) else finding.effect
@@ -59,8 +58,8 @@ def sentence_of(finding: Finding, after: Identification) -> str:
     """One sentence: name, axis, the two main values, how sure, what hid it."""
     words, numbers, _ = _sizes(finding, after)
     text = ", ".join([*words, *numbers[:2], *_discrepancies(finding), _sure(finding, after.model.machine)])
-    if (usual := _times_usual(finding, after)) > HUGE:
-        text += f"; {plain_number(usual)} times its usual size: check the units, or look for another cause"
+    for said in _beyond_usual(finding, after):
+        text += f"; {said}"
     if finding.moved:
         text += f"; before, the geometry absorbed it ({_moves(finding, after)[0]})"
     elif finding.visible < 0.5:
@@ -147,10 +146,18 @@ def _discrepancies(finding: Finding) -> list[str]:
     return [f"discrepancy {in_words(q.value, q.std, q.unit or '')} rms over {over}" for over, q in found]
 
 
-def _times_usual(finding: Finding, after: Identification) -> float:
-    """How many times its usual size an effect has; 0 of an unidentified one."""
-    effect = finding.effect
-    return 0.0 if finding.unidentified else effect.times_usual(after.model.campaign, after.named)
+def _beyond_usual(finding: Finding, after: Identification) -> list[str]:
+    """What to do about an effect that is far larger than usual, even by 2σ less; an unidentified one has no usual size."""
+    if finding.unidentified:
+        return []
+    campaign, values = after.model.campaign, after.named
+    for p in finding.effect.amplitudes(campaign):
+        off = values[p.name] - p.mean
+        values[p.name] = p.mean + float(np.sign(off)) * max(abs(off) - 2.0 * after.uncertainty(p.name), 0.0)
+    usual = finding.effect.times_usual(campaign, values)
+    if usual <= HUGE:
+        return []
+    return [f"at least {plain_number(usual)} times its usual size: check the units, or look for another cause"]
 
 
 def _moves(finding: Finding, after: Identification) -> list[str]:
