@@ -108,7 +108,8 @@ def _verdict(
     rivals = {name: share for name, share in shares.items() if name != first}
     others = (t for t, each in enumerate(terms) if each.name == own and terms[term].differs(each))
     components = tuple(t for t in others if covered(term, (t,))[1] < 2.0 * SAME)
-    return Verdict(term, stated, probability, rivals, alias, components, alone)
+    by_experience = alone and probability >= max(rivals.values(), default=0.0)
+    return Verdict(term, stated, probability, rivals, alias, components, by_experience)
 
 
 def _shares(posterior: Posterior, held: frozenset[int], term: int, covered: Covered) -> tuple[dict[Name, float], float]:
