@@ -75,10 +75,13 @@ class EvaluationError(InputError):
     """
 
 
-def among(value: object, choices: Collection[str], problem: str, *, path: Path | str | None = None) -> None:
+def among(
+    value: object, choices: Collection[str], problem: str, *, path: Path | str | None = None,
+    keys: tuple[str | int, ...] = (),
+) -> None:  # fmt: skip
     """Raise `InputError` of the `problem` unless `value` is one of the `choices`, which its remedy lists."""
     if value not in choices:
-        raise InputError(problem, path=path, remedy=f"use one of {', '.join(choices) or 'none'}")
+        raise InputError(problem, path=path, remedy=f"use one of {', '.join(choices) or 'none'}", keys=keys)
 
 
 @contextmanager

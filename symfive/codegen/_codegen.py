@@ -13,7 +13,7 @@ from symfive.codegen.isg import isg_files
 from symfive.codegen.linuxcnc import linuxcnc_files
 from symfive.codegen.setp import setp_files
 from symfive.codegen.sheet import CONTROLS, sheet_files
-from symfive.errors import InputError
+from symfive.errors import InputError, among
 from symfive.files import shown
 from symfive.machine import Machine
 from symfive.model import FittedModel
@@ -48,8 +48,7 @@ def codegen(
 
     Raises `InputError` for an unknown target, an unusable prefix, and where the target cannot represent the machine.
     """
-    if target not in TARGETS:
-        raise InputError(f"there is no target {shown(target)}", remedy=f"use one of {', '.join(TARGETS)}")
+    among(target, TARGETS, f"there is no target {shown(target)}")
     if not _PREFIX.match(prefix):
         raise InputError(f"the prefix {shown(prefix)} cannot begin C names", remedy="use up to 24 of a-z, 0-9 and _")
     with output_folder(Path(output), overwrite=overwrite) as folder:

@@ -27,7 +27,7 @@ from symfive.convert.irb120_tracker import irb120_tracker
 from symfive.convert.jjxray_slit import jjxray_slit
 from symfive.convert.mukca import mukca
 from symfive.convert.tx40 import tx40
-from symfive.errors import InputError
+from symfive.errors import InputError, among
 from symfive.separated import LARGEST
 
 __all__ = ["CONVERTERS", "VARIABLE", "convert", "data_folder"]
@@ -70,8 +70,7 @@ def convert(name: str, data: Path | str | None = None) -> Campaign:
     Raises `InputError` for a name that is not in `CONVERTERS` and for files that are missing, of another layout or
     cut short.
     """
-    if name not in CONVERTERS:
-        raise InputError(f'there is no converter for "{name}"', remedy=f"use one of {', '.join(CONVERTERS)}")
+    among(name, CONVERTERS, f'there is no converter for "{name}"')
     folder = (data_folder() if data is None else Path(data)) / name
     if not folder.is_dir():
         raise InputError(

@@ -13,7 +13,7 @@ import xml.etree.ElementTree as ET
 from dataclasses import dataclass, fields
 
 from symfive.drawing import templates
-from symfive.errors import InputError
+from symfive.errors import InputError, among
 from symfive.files import one_line, shown
 from symfive.history._visit import Visit
 from symfive.numbers import decimals
@@ -50,8 +50,7 @@ class Office:
     place: str = "customer"
 
     def __post_init__(self) -> None:
-        if self.place not in PLACES:
-            raise InputError(f"place {shown(self.place)} is unknown", remedy=f"use one of {', '.join(PLACES)}")
+        among(self.place, PLACES, f"place {shown(self.place)} is unknown")
         if self.country and not re.fullmatch("[A-Z]{2}", self.country):
             problem = f"country {shown(self.country)} is not two capital letters"
             raise InputError(problem, remedy="write a code of ISO 3166-1, as DE")

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symfive.arrays import Array
-from symfive.errors import InputError
+from symfive.errors import InputError, among
 from symfive.files import one_line, shown
 from symfive.numbers import with_std
 from symfive.separated import LARGEST
@@ -260,9 +260,7 @@ class Event:
     text: str
 
     def __post_init__(self) -> None:
-        if self.kind not in KINDS:
-            problem = f"the kind of event {shown(self.kind)} is unknown"
-            raise InputError(problem, remedy=f"use one of {', '.join(KINDS)}", keys=("kind",))
+        among(self.kind, KINDS, f"the kind of event {shown(self.kind)} is unknown", keys=("kind",))
         object.__setattr__(self, "text", _text("text", self.text))
 
     @property

@@ -16,7 +16,7 @@ from symfive.arrays import Array
 from symfive.campaign import Campaign
 from symfive.compiled import Oracle
 from symfive.effects import Effect
-from symfive.errors import EvaluationError, InputError
+from symfive.errors import EvaluationError, InputError, among
 from symfive.given import campaign_given
 from symfive.identify._mounted import mounting_notes
 from symfive.identify._result import Identification
@@ -53,9 +53,9 @@ def identify(
     2005, ch. 3), restricted likelihood for the noise.
     """
     model = campaign if isinstance(campaign, Model) else Model(campaign_given(campaign), effects)
-    _check_choice("noise", noise, ("estimate", "repeats", "declared"))
-    _check_choice("solver", solver, ("gauss_newton", "ipopt"))
-    _check_choice("loss", loss, ("square", "huber"))
+    among(noise, ("estimate", "repeats", "declared"), f'noise = "{noise}" is unknown')
+    among(solver, ("gauss_newton", "ipopt"), f'solver = "{solver}" is unknown')
+    among(loss, ("square", "huber"), f'loss = "{loss}" is unknown')
     values = model.vector(dict(start or {}))
     movable = np.ones(len(model.parameters), dtype=bool)
     if free is not None:
@@ -80,11 +80,6 @@ def identify(
     held = [f"run {run} was held in memory as a whole: its rows depend on rows far away" for run in problem.held_whole]
     doubts = wiring_doubts(result) or tension_notes(result)
     return replace(result, notes=(*result.notes, *held, *doubts, *mounting_notes(problem, result)))
-
-
-def _check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
-    if value not in choices:
-        raise InputError(f'{name} = "{value}" is unknown', remedy=f"use one of {', '.join(choices)}")
 
 
 def _place(model: Model, name: str) -> int:

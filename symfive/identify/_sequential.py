@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from symfive.campaign import Campaign
-from symfive.errors import InputError
+from symfive.errors import InputError, among
 from symfive.given import campaign_given
 from symfive.identify._identify import identify, summarise
 from symfive.identify._result import Identification
@@ -83,8 +83,7 @@ def identify_by_position(
     """
     campaign = campaign_given(campaign)
     machine = campaign.machine
-    if axis not in machine.axes:
-        raise InputError(f"the machine has no axis {axis}", remedy=f"use one of {', '.join(machine.axis_names)}")
+    among(axis, machine.axis_names, f"the machine has no axis {axis}")
     positions = np.unique(np.concatenate([np.round(run.commands[axis], 6) for run in campaign.runs]))
     if not 2 <= len(positions) <= 200:
         raise InputError(

@@ -18,7 +18,7 @@ import numpy as np
 
 from symfive.arrays import Array
 from symfive.campaign import Run, SetupSigma
-from symfive.errors import InputError
+from symfive.errors import InputError, among
 from symfive.files import read_text, shown
 from symfive.importers.split import rows_of
 from symfive.machine import Machine
@@ -70,10 +70,9 @@ def read_polar(
     `InputError` naming file and line.
     """
     path = Path(path)
-    if unit not in UNITS:
-        raise InputError(f'unit "{unit}" is unknown', remedy=f"use one of {', '.join(UNITS)}")
-    if direction not in (None, *DIRECTIONS):
-        raise InputError(f'direction "{direction}" is unknown', remedy=f"use one of {', '.join(DIRECTIONS)}")
+    among(unit, UNITS, f'unit "{unit}" is unknown')
+    if direction is not None:
+        among(direction, DIRECTIONS, f'direction "{direction}" is unknown')
     if any(list(columns).count(name) != 1 for name in COLUMNS):
         problem = f"the columns {','.join(columns)} do not name {' and '.join(COLUMNS)} once each"
         raise InputError(problem, remedy="write --columns angle,deviation in the order of the file, - for any other")
@@ -194,8 +193,7 @@ def polar_run(
     least the one at the reversal and its neighbours, if the error is above 0). Raises `InputError` where the angles are not a
     steady motion or an axis cannot follow.
     """
-    if plane not in PLANES:
-        raise InputError(f'plane "{plane}" is unknown', remedy=f"use one of {', '.join(PLANES)}")
+    among(plane, PLANES, f'plane "{plane}" is unknown')
     if not (radius > 0.0 and feed > 0.0):
         raise InputError(f"radius {radius:g} mm and feed {feed:g} mm/min make no circle", remedy="give both above 0")
     angle, deviation = np.asarray(angle_deg, dtype=float), np.asarray(deviation_um, dtype=float)

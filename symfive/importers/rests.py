@@ -18,7 +18,7 @@ import numpy as np
 
 from symfive.arrays import Array, Indices
 from symfive.campaign import FIRST_LINE, Run
-from symfive.errors import InputError, inside
+from symfive.errors import InputError, among, inside
 from symfive.files import read_text, shown
 from symfive.importers.split import piece_of
 from symfive.instruments import columns_of, instruments_of
@@ -106,8 +106,8 @@ def read_recording(
     and line.
     """
     path = Path(path)
-    if unit is not None and unit not in UNITS:
-        raise InputError(f'unit "{unit}" is unknown', remedy=f"use one of {', '.join(UNITS)}")
+    if unit is not None:
+        among(unit, UNITS, f'unit "{unit}" is unknown')
     wanted = [name for name in columns if name != "-"]
     if len(set(wanted)) < len(wanted) or "t" not in wanted or len(wanted) < 2:
         problem = f"the columns {','.join(columns)} do not name t and readings once each"

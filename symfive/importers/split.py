@@ -13,7 +13,7 @@ import numpy as np
 from symfive.arrays import Array, Flags
 from symfive.campaign import Campaign, Run
 from symfive.circles import CircleFinder
-from symfive.errors import InputError
+from symfive.errors import InputError, among
 from symfive.machine import Machine
 
 Rows = slice | Flags | list[int]
@@ -146,8 +146,7 @@ def split(
     campaign: Campaign, how: str, *, step_deg: float | None = None, only: Iterable[str] | None = None
 ) -> Campaign:
     """Every run (or `only` those of these ids) cut into runs. Raises `InputError` for an unknown way, or where one is not cut."""
-    if how not in SPLITS:
-        raise InputError(f'there is no split "{how}"', remedy=f"use one of {', '.join(SPLITS)}")
+    among(how, SPLITS, f'there is no split "{how}"')
     chosen = {run.id for run in campaign.runs} if only is None else set(only)
     runs: list[Run] = []
     for run in campaign.runs:

@@ -5,7 +5,7 @@ What only the symbolic reading needs (CasADi, SciPy, the motion) is loaded with 
 
 from __future__ import annotations
 
-from symfive.errors import InputError
+from symfive.errors import InputError, among
 from symfive.instruments._base import (
     ZERO_SIGMA_UM,
     BallInstrument,
@@ -51,9 +51,7 @@ INSTRUMENTS: dict[str, Instrument] = {instrument.name: instrument for instrument
 def instruments_of(run: Run) -> tuple[Instrument, ...]:
     """The instruments of a run. Raises `InputError` for a name that is not in the table."""
     for name in run.instrument:
-        if name not in INSTRUMENTS:
-            problem = f"instrument {name!r} is unknown"
-            raise InputError(problem, remedy=f"use one of {', '.join(INSTRUMENTS)}", keys=("instrument",))
+        among(name, INSTRUMENTS, f"instrument {name!r} is unknown", keys=("instrument",))
     return tuple(INSTRUMENTS[name] for name in run.instrument)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from symfive.arrays import Array
-from symfive.errors import InputError
+from symfive.errors import InputError, among
 from symfive.machine._data import Machine
 from symfive.machine._read import read_machine
 from symfive.outputs import own_data
@@ -26,8 +26,7 @@ def presets() -> tuple[str, ...]:
 
 def preset(name: str) -> Machine:
     """The ready-made machine of that name. Raises `InputError` for a name that is not in `presets()`."""
-    if name not in presets():
-        raise InputError(f'there is no ready-made machine "{name}"', remedy=f"use one of {', '.join(presets())}")
+    among(name, presets(), f'there is no ready-made machine "{name}"')
     return _read(_folder() / f"{name}.toml")
 
 

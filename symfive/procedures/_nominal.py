@@ -12,7 +12,7 @@ import numpy as np
 
 from symfive.arrays import Array
 from symfive.compiled import Mapped
-from symfive.errors import InputError
+from symfive.errors import InputError, among
 from symfive.kinematics import Chain, Pose, axis_pose, chain_of
 from symfive.machine import Machine
 
@@ -89,9 +89,7 @@ class Nominal:
         """Every axis at its fixed position or at home (rows,). Raises `InputError` for an axis the machine
         lacks."""
         for name in fixed:
-            if name not in self.machine.axes:
-                remedy = f"use one of {', '.join(self.machine.axis_names)}"
-                raise InputError(f"the machine has no axis {name}", remedy=remedy)
+            among(name, self.machine.axis_names, f"the machine has no axis {name}")
         values = {name: fixed.get(name, self.machine.home(name)) for name in self.machine.axes}
         return {name: np.broadcast_to(np.asarray(value, dtype=float), (rows,)).copy() for name, value in values.items()}
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from symfive.arrays import Array
 from symfive.campaign import Run, SetupSigma
-from symfive.errors import InputError
+from symfive.errors import InputError, among
 from symfive.machine import Machine
 from symfive.procedures._limits import checked, within_travel
 from symfive.procedures._nominal import Nominal
@@ -64,8 +64,7 @@ def planar_circle(
     `hold` positions of rotary axes; `rate_hz` rows per second. Only 360° are a circular test to ISO 230-4. Raises `InputError`
     where an axis cannot follow.
     """
-    if plane not in PLANES:
-        raise InputError(f'plane "{plane}" is unknown', remedy=f"use one of {', '.join(PLANES)}")
+    among(plane, PLANES, f'plane "{plane}" is unknown')
     if instrument not in ("ball_bar", "grid_encoder"):
         raise InputError(f"a planar circle is not read by {instrument}", remedy="use ball_bar or grid_encoder")
     size, middle = circle_radius(machine, radius), table_ball_of(machine, centre)

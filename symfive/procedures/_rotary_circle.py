@@ -10,7 +10,7 @@ import numpy as np
 
 from symfive.arrays import Array
 from symfive.campaign import Run, SetupSigma
-from symfive.errors import InputError
+from symfive.errors import InputError, among
 from symfive.machine import Axis, Machine
 from symfive.procedures._limits import checked
 from symfive.procedures._nominal import Commands, Nominal
@@ -48,8 +48,7 @@ def rotary_circle(
     within the workspace; `feed` degree/min; `hold` the positions of the other axes; `run_up_deg` is added at
     both ends. Raises `InputError` where an axis cannot follow.
     """
-    if arrangement not in ARRANGEMENTS:
-        raise InputError(f'arrangement "{arrangement}" is unknown', remedy=f"use one of {', '.join(ARRANGEMENTS)}")
+    among(arrangement, ARRANGEMENTS, f'arrangement "{arrangement}" is unknown')
     if linear not in ("following", "standing"):
         raise InputError(f'linear "{linear}" is unknown', remedy='use "following" or "standing"')
     name = turning_axis(machine, axis)

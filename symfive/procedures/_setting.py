@@ -10,7 +10,7 @@ import numpy as np
 
 from symfive.arrays import Array
 from symfive.campaign import Campaign, Run, SetupSigma
-from symfive.errors import InputError
+from symfive.errors import InputError, among
 from symfive.machine import Axis, Machine
 
 Vector = tuple[float, float, float]
@@ -80,8 +80,8 @@ def whole_turn(axis: Axis) -> bool:
 def turning_axis(machine: Machine, wanted: str | None) -> str:
     """The wanted rotary axis, or the one that turns the workpiece, or else any that turns."""
     names = rotary_axes(machine)
-    if wanted is not None and wanted not in names:
-        raise InputError(f"the machine has no rotary axis {wanted}", remedy=f"use one of {', '.join(names) or 'none'}")
+    if wanted is not None:
+        among(wanted, names, f"the machine has no rotary axis {wanted}")
     if not names:
         raise InputError("the machine has no rotary axis", remedy="choose another procedure")
     on_table = [name for name in names if name in machine.structure.workpiece]

@@ -10,7 +10,7 @@ import numpy as np
 
 from symfive.arrays import Array
 from symfive.campaign import Run, SetupSigma
-from symfive.errors import InputError
+from symfive.errors import InputError, among
 from symfive.machine import Machine
 from symfive.procedures._limits import checked
 from symfive.procedures._nominal import Nominal
@@ -142,9 +142,8 @@ def _linear_axis(machine: Machine, wanted: str | None, axle: Array) -> str:
         name for name, axis in machine.axes.items()
         if not axis.rotary and abs(np.asarray(axis.direction) @ axle) < 1e-9
     ]  # fmt: skip
-    if wanted is not None and wanted not in square:
-        problem = f"{wanted} is not a linear axis square to the rotary axis"
-        raise InputError(problem, remedy=f"use one of {', '.join(square) or 'none'}")
+    if wanted is not None:
+        among(wanted, square, f"{wanted} is not a linear axis square to the rotary axis")
     if not square:
         raise InputError("no linear axis is square to the rotary axis", remedy="hold the tilting axis at 0")
     return wanted or ("X" if "X" in square else square[0])
