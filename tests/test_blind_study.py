@@ -74,7 +74,7 @@ def test_whitening_makes_the_plants_noise_white() -> None:
     assert abs(np.corrcoef(white[:-1], white[1:])[0, 1]) < 0.03
 
 
-def test_what_reads_the_same_is_found_by_the_generator() -> None:
+def test_what_cannot_be_distinguished_is_found_by_the_generator() -> None:
     """On one circle a squareness of X and one of Y are one thing."""
     setting = draw_setting(np.random.default_rng(2), ("planar",), lean=True)
     setting.machine["errors"].pop("EC0X")

@@ -147,7 +147,7 @@ def test_the_oracle_holds_every_textbook_effect(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_oracles_prior_has_room_for_what_geometry_swallows_nearly_whole(tmp_path: Path) -> None:
+def test_the_oracles_prior_has_room_for_what_geometry_absorbs_nearly_whole(tmp_path: Path) -> None:
     """A scale error of a hundred times the usual size that static bars see in its curvature alone; and no effect at all."""
     for case in ("masked-064", "none-000"):
         stages.seal(tmp_path, 20, case)

@@ -82,7 +82,7 @@ def test_observability_is_told_before_any_verdict(sag_and_drift):
 
 
 @pytest.mark.slow
-def test_a_backlash_that_the_fit_swallows_is_found_on_dynamic_recordings():
+def test_a_backlash_that_the_fit_absorbs_is_found_on_dynamic_recordings():
     result = _open("dynamic-backlash")
     assert names_of(result) == [("backlash", "C")]
     finding = result.findings[0]

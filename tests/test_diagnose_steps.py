@@ -208,8 +208,8 @@ def test_what_was_found_beside_a_finding_is_no_rival_of_it_any_more():
     assert next_test(plan, first, second, held=(make_effect("latency").prepare(plan),)) is not None
 
 
-def test_where_no_single_test_parts_all_that_reads_alike_the_next_ones_come_together(tmp_path):
-    """Play of Z as a tilt or sideways is told apart with a longer tool, a yaw of Y from both beside: it takes both."""
+def test_where_no_single_test_separates_all_causes_the_next_ones_come_together(tmp_path):
+    """Play of Z as a tilt or sideways is distinguished with a longer tool, a yaw of Y from both beside: it takes both."""
     poses = plant.grid_poses(np.arange(-90, 91, 30.0), np.arange(0, 331, 30.0))
     machine = plant.static_table()
     bar = plant.static_ball_bar(machine, "bar-x", table_ball=(0.0, 0.0, 140.0), poses=np.vstack([poses, poses[::-1]]))
@@ -266,9 +266,9 @@ def test_tests_to_choose_from_have_the_rows_that_the_recorder_lost():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("law", [{"width": 0.3}, {"width": 3.0, "form": "presliding", "distance": 270.0}])
-def test_an_alias_is_named_with_its_rival_and_told_apart_by_the_test_it_asks_for(tmp_path, law):
-    """Play of X and a carriage that turns about B at 80 mm below the ball read alike until the ball stands higher, whatever the
-    contact does behind a reversal: with pre-sliding the turn was compared without, and the play stated at 99 %."""
+def test_an_alias_is_named_with_its_rival_and_separated_by_the_test_it_asks_for(tmp_path, law):
+    """Play of X and a carriage that turns about B at 80 mm below the ball cannot be distinguished until the ball stands
+    higher, whatever the contact does behind a reversal: with pre-sliding the turn was compared without, play stated at 99 %."""
     play = [{"effect": "backlash", "axis": "X", **law}]
     campaign = _circles(tmp_path / "c", (800.0,), play, 4)
     found = diagnose(campaign)

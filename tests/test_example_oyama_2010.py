@@ -136,14 +136,14 @@ def test_a_sag_is_believed_to_be_geometry_and_the_diagnosis_says_what_it_is(sag)
     assert "component open: not separated from EXB" in facts_of(first, sag.after)["how sure"]
 
 
-def test_how_much_of_the_sag_the_baselines_swallow():
+def test_how_much_of_the_sag_the_baselines_absorb():
     both_ways, one_way, loose, whole = steps.absorbed().values()
     assert 0.6 < both_ways < 0.75
     assert 0.93 < one_way <= loose < 0.97
     assert whole > 0.99
 
 
-def test_a_map_swallows_a_drift(folder):
+def test_a_map_absorbs_a_drift(folder):
     drifting = story.map_a_drifting_machine(folder / "drift")
     assert drifting.error_um > 2.0
     assert drifting.residual_um < 0.42  # √2 times the noise: nothing to be seen

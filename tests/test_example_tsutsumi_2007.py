@@ -227,7 +227,7 @@ def test_the_geometry_alone_gets_dx_wrong_and_the_whole_model_right(campaigns):
     assert whole.uncertainty("EX0C") < 1.0
     assert whole.rms_um < 0.33
     assert whole["friction.X.coulomb"] == pytest.approx(PAPER.x.coulomb, rel=0.05)
-    width = whole.uncertainty("backlash.C.width")  # C never turns round: where in its play it began is not told apart
+    width = whole.uncertainty("backlash.C.width")  # C never turns round: where in its play it began is not determined
     assert whole["backlash.C.width"] == pytest.approx(200.0, abs=3.0 * width)
     assert 20.0 < width < 60.0
 

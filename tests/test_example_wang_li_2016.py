@@ -104,7 +104,7 @@ def test_both_methods_are_unbiased_where_nothing_is_askew(again):
         assert again.joint[name].std() == pytest.approx(again.stated[name], rel=0.05)
 
 
-def test_the_plant_and_symfive_read_alike(campaign):
+def test_the_plant_and_symfive_give_the_same_readings(campaign):
     model = Model(campaign)
     values = machine.draw(model.parameters, 2, seed=5)
     named = {p.name: values[:, i] for i, p in enumerate(model.parameters)}

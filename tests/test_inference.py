@@ -86,7 +86,7 @@ def test_a_fit_goes_on_to_a_kink_however_often_its_steps_are_shortened(steepness
 
 
 def test_a_fit_settles_where_a_sum_is_known_and_its_parts_are_not():
-    """The zero of an angle and the skew EC0B read alike: each is known to 100 µrad, their sum to a fifth of one."""
+    """The zero of an angle and the skew EC0B give the same readings: each is known to 100 µrad, their sum to a fifth of one."""
     angles = np.linspace(0.0, 345.0, 24)
     commands = {name: np.zeros(24) for name in "XYZB"} | {"C": angles}
     run = laser_run("c", angles, axis="C", commands=commands, noise_um=1.0)

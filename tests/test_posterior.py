@@ -218,7 +218,7 @@ def beside_play(moments: Moments) -> Moments:
     return moments_about(refitted(moments, ((play, 1.0),)), candidates(moments.fit.model.campaign))
 
 
-def test_an_alias_is_what_reads_the_same_however_large_it_would_have_to_be(beside_play: Moments) -> None:
+def test_an_alias_is_what_cannot_be_distinguished_however_large_it_would_have_to_be(beside_play: Moments) -> None:
     """That large sizes are rare decides between the names; it does not separate their readings."""
     held, terms = beside_play, beside_play.terms
     other = next(k for k, term in enumerate(terms) if term.effect.key == "lateral_play.EBX")
@@ -264,8 +264,8 @@ def test_a_name_in_the_place_of_one_member_is_no_rival_of_another(moments: Momen
 
 @pytest.mark.slow
 def test_another_component_joins_in_the_law_of_the_held_one() -> None:
-    """A roll that gave way over some distance was stated without EYX, which reads the same at one height: that was looked at as a
-    step only."""
+    """A roll that gave way over some distance was stated without EYX, which cannot be distinguished at one height: that was
+    considered as a step only."""
     machine = preset("three-axis")
     grids = planar_circle(machine, plane="XY", feed=1000.0, rate_hz=10.0, instrument="grid_encoder")
     stated = candidates(campaign_of(machine, grids))
@@ -279,7 +279,7 @@ def test_another_component_joins_in_the_law_of_the_held_one() -> None:
 
 
 def test_a_rival_in_a_held_law_is_none_of_the_effects_that_the_fit_holds(moments: Moments) -> None:
-    """Backlash that began as a step was looked at as the play that the fit held already; that ended the diagnosis."""
+    """Backlash that began as a step was considered as the play that the fit held already; that ended the diagnosis."""
     keys = "backlash.X", "lateral_play.EBX"
     play, other = (next(t.form for t in moments.terms if t.effect.key == key) for key in keys)
     gradual = next(shape for shape in other.shapes if shape.shape == "play")

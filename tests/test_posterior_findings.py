@@ -74,8 +74,8 @@ def test_textbook_plays_get_their_names_and_widths(plays: dict[str, float], soft
 
 
 @pytest.mark.slow
-def test_what_reads_alike_is_a_rival_and_gets_a_test() -> None:
-    """A play of X and a carriage that turns by it read the same on circles of one height."""
+def test_what_cannot_be_distinguished_is_a_rival_and_gets_a_test() -> None:
+    """A play of X and a carriage that turns by it give the same readings on circles of one height."""
     result = diagnose(bars({"X": 6.0}, machine="table-bc"))
     play = next(f for f in result.findings if (f.name, f.axis) == ("backlash", "X"))
     assert any(key.startswith("lateral_play") for key in play.alias)

@@ -234,7 +234,7 @@ def _noise_only(static: Identification, degrees: np.ndarray, seed: int) -> Ident
 
 
 def test_spectrum_of_noise_at_few_uneven_angles_stays_below_its_line(static):
-    """A planned R-test: the orders that its angles cannot tell apart are not drawn, and noise makes no peak."""
+    """A planned R-test: the orders that its angles cannot separate are not drawn, and noise makes no peak."""
     uneven = np.array([0.0, 12.0, 55.0, 61.0, 110.0, 118.0, 171.0, 180.0, 232.0, 240.0, 298.0, 306.0])
     above = 0
     for seed in range(40):
