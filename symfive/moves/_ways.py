@@ -82,9 +82,9 @@ class Ways:
         self._out: dict[tuple[float, ...], _Out | str] = {}
         self._tested = tested or Tested()
 
-    def meets(self, before: Positions, after: Positions, *, rapid: bool, bar: bool = False) -> str:
-        """What meets on a straight move, "" where it is clear."""
-        return self.met([(before, after)], rapid, bar)[0]
+    def meets(self, before: Positions, after: Positions, *, rapid: bool) -> str:
+        """What meets on a straight move without a bar, "" where it is clear."""
+        return self.met([(before, after)], rapid, bar=False)[0]
 
     def met(self, moves: Sequence[tuple[Positions, Positions]], rapid: bool, bar: bool) -> list[str]:
         """The same of several moves, those that are new all at once."""

@@ -21,7 +21,7 @@ from symfive.instruments import touches_of
 from symfive.machine import Machine
 from symfive.nc._base import Cycle, Dialect, Step
 from symfive.nc._post import Post
-from symfive.nc._recording import STANDSTILL
+from symfive.nc._recording import STANDSTILL, pose_of
 from symfive.nc._render import program_name
 from symfive.nc._route import LEAST_LIFT_MM, Positions
 from symfive.nc._touch import Move, Probing, Touch, probing_of
@@ -119,17 +119,17 @@ class ProbeWays(Writer):
         for row in range(self.run.rows):
             if row:
                 found += [self._rapid(a, b, row) for a, b in itertools.pairwise(self._way_to(row))]
-            found += [self._at_pose(row, place) for move in self.moves_at(row) for place in _places(move)]
+            found += [
+                Step(kind="feed", positions=place, commands={**pose_of(self.run, row), **place}, towards=row)
+                for move in self.moves_at(row) for place in _places(move)
+            ]  # fmt: skip
         return [*found, *self.last_moves("")]
 
     def stands(self, row: int) -> list[Positions]:
         """Positions of all axes, one after the other, while a pose's sphere is touched from above it."""
         above = self._place_words(row, self.above)
         places = [above, *(place for move in self.touching(row) for place in _places(move))]
-        return [{**self._commands(row), **place} for place in places]
-
-    def _at_pose(self, row: int, place: Mapping[str, float]) -> Step:
-        return Step(kind="feed", positions=place, commands={**self._commands(row), **place}, towards=row)
+        return [{**pose_of(self.run, row), **place} for place in places]
 
     def first_moves(self) -> list[Step]:
         """The tool's axis alone to the top, rotary axes, plane, down to the lifted pose."""

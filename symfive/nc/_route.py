@@ -62,11 +62,12 @@ def lifts(nominal: Nominal, run: Run, row: int, mm: float) -> Iterator[dict[str,
         except InputError:
             continue
         found = {name: float(q[0]) for name, q in moved.items()}
-        if all(_inside(machine, name, value) for name, value in found.items()):
+        reach = {name: machine.reach(name) for name in found}
+        if all(reach[name][0] - 1e-9 <= value <= reach[name][1] + 1e-9 for name, value in found.items()):
             yield found
 
 
-def usual_lift(nominal: Nominal, run: Run, row: int, mm: float, least: float = LEAST_LIFT_MM) -> dict[str, float]:
+def usual_lift(nominal: Nominal, run: Run, row: int, mm: float, least: float) -> dict[str, float]:
     """The first of the lifts, shorter where the travel allows no more. Raises `InputError` where it allows not even the least."""
     for share in np.linspace(1.0, 0.0, 11):
         if share * mm >= min(least, mm):
@@ -109,8 +110,3 @@ def one_by_one(before: Positions, after: Positions, names: Sequence[str]) -> Way
         if found[-1][name] != after[name]:
             found.append({**found[-1], name: after[name]})
     return tuple(found)
-
-
-def _inside(machine: Machine, name: str, value: float) -> bool:
-    low, high = machine.reach(name)
-    return low - 1e-9 <= value <= high + 1e-9

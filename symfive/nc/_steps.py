@@ -78,10 +78,10 @@ def series_name(runs: Sequence[Run]) -> str:
     return f"{runs[0].id}-and-{len(runs) - 1}-more"
 
 
-def series_steps(machine: Machine, runs: Sequence[Run], post: Post | None = None) -> list[Step]:
+def series_steps(machine: Machine, runs: Sequence[Run], post: Post) -> list[Step]:
     """The steps of one program for all circles of a series: a stop between two of them at which the instrument's software is made
     ready, the bar stays on. Its moves are those of the runs' own programs."""
-    writers = [Writer(machine, run, post or Post()) for run in runs]
+    writers = [Writer(machine, run, post) for run in runs]
     steps = writers[0].opening()
     for number, writer in enumerate(writers):
         circle = writer.circle

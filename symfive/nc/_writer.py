@@ -257,7 +257,7 @@ class Writer:
             around = self.post.unsafe.get(self.run.id, ())
             rows = [r for r in range(1, self.run.rows) if r not in around and not self._stays(r)]
             via = self.post.via.get(self.run.id, {})
-            stands = [[self._commands(r - 1), *via.get(r, ()), self._commands(r)] for r in rows]
+            stands = [[pose_of(self.run, r - 1), *via.get(r, ()), pose_of(self.run, r)] for r in rows]
             legs = [(a, b, r) for r, places in zip(rows, stands, strict=True) for a, b in itertools.pairwise(places)]
             known: dict[int, list[tuple[Array, Array, Array]]] = {r: [] for r in rows}
             for (*_, r), blocks in zip(legs, self.seat.blocks(legs, self.centred), strict=True):
@@ -272,14 +272,14 @@ class Writer:
         blocks = straight_blocks(self.run, self.nominal, self.places, centred=self.post.centred)
         found, first = [Step(kind="comment", text=said(blocks))], 0
         for row, seconds in blocks:
-            way = {r: self._commands(r) for r in range(first + 1, row + 1)} if self.post.centred else {}
+            way = {r: pose_of(self.run, r) for r in range(first + 1, row + 1)} if self.post.centred else {}
             found.append(replace(self._pose(row, seconds), way=way))
             first = row
         return found
 
     def _entry(self, row: int) -> Positions:
         """Where the instrument is seated and freed: the pose itself, or before and after a bar's circle pulled out from it."""
-        return pulled_out(self.run, self.circle, row) if self.circle and self.bar else self._commands(row)
+        return pulled_out(self.run, self.circle, row) if self.circle and self.bar else pose_of(self.run, row)
 
     def _detour(self, row: int) -> list[Step]:
         """Out of the nest, around, and in again; a bar is removed meanwhile."""
@@ -287,11 +287,11 @@ class Writer:
         self.seated = False
         steps = [Step(kind="stop", text="REMOVE THE BAR")] if self.bar else []
         steps += [
-            *self._creep(way[0], self._commands(row - 1), row, out=True),
+            *self._creep(way[0], pose_of(self.run, row - 1), row, out=True),
             *self._centred(False, way[0]),
             *(self._rapid(before, after, row) for before, after in itertools.pairwise(way)),
             *self._centred(True, way[-1]),
-            *self._creep(way[-1], self._commands(row), row),
+            *self._creep(way[-1], pose_of(self.run, row), row),
         ]
         self.seated = True
         return [*steps, *([Step(kind="stop", text="MOUNT THE BAR")] if self.bar else [])]
@@ -346,11 +346,8 @@ class Writer:
         """Seconds of a rapid: the control drives it as fast as the axes can."""
         return sum(self._pace(before, after, 1.0))
 
-    def _commands(self, row: int) -> dict[str, float]:
-        return pose_of(self.run, row)
-
     def _pose(self, row: int, seconds: float) -> Step:
-        return replace(self._feed(self._commands(row), self.places[row], seconds, row), row=row)
+        return replace(self._feed(pose_of(self.run, row), self.places[row], seconds, row), row=row)
 
     def _feed(self, commands: Positions, place: Array, seconds: float, towards: int) -> Step:
         words = self._words(commands, place)

@@ -37,10 +37,6 @@ def _probed(move: Move, back: float, fails: str) -> list[str]:
     ]
 
 
-def _guarded(dialect: Dialect, move: Move) -> list[str]:
-    return _probed(move, 0.0, "FN 10: IF +Q4 NE -1 GOTO LBL 97")
-
-
 def _touched(dialect: Dialect, touch: Touch, log: str) -> list[str]:
     missed = "FN 9: IF +Q4 EQU -1 GOTO LBL 98"
     return [
@@ -72,7 +68,7 @@ def _prepared(dialect: Dialect, post: Post) -> Dialect:
 
 
 CYCLE = Cycle(
-    guarded=_guarded,
+    guarded=lambda dialect, move: _probed(move, 0.0, "FN 10: IF +Q4 NE -1 GOTO LBL 97"),
     touched=_touched,
     prepared=_prepared,
     log="{name}.TXT",

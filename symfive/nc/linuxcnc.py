@@ -8,16 +8,12 @@ joins. `M19` needs a spindle that can be oriented (HAL pins `spindle.0.orient-â€
 from __future__ import annotations
 
 from symfive.nc._base import Block, Cycle, Dialect
-from symfive.nc._touch import STORED, Move, Touch
+from symfive.nc._touch import STORED, Touch
 
 
 def _arc(arc: Block) -> list[str]:
     turns = f" P{arc.turns}" if arc.turns > 1 else ""
     return [f"{arc.code} {arc.words} {arc.offset}{turns} F{arc.feed}"]
-
-
-def _guarded(dialect: Dialect, move: Move) -> list[str]:
-    return [f"G38.3 {dialect.words(move.end)} F{move.feed:g}"]
 
 
 def _touched(dialect: Dialect, touch: Touch, log: str) -> list[str]:
@@ -30,7 +26,7 @@ def _touched(dialect: Dialect, touch: Touch, log: str) -> list[str]:
 
 
 CYCLE = Cycle(
-    guarded=_guarded,
+    guarded=lambda dialect, move: [f"G38.3 {dialect.words(move.end)} F{move.feed:g}"],
     touched=_touched,
     opening=("G61 G94", "(LOGOPEN,{log})"),
     closing=("(LOGCLOSE)",),

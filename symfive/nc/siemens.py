@@ -33,10 +33,6 @@ def _move(dialect: Dialect, move: Move, fails: str) -> list[str]:
     return [f"MEAS=1 G1 {dialect.words(move.end)} F{move.feed:g}", "STOPRE", f"IF $AC_MEA[1]{fails}"]
 
 
-def _guarded(dialect: Dialect, move: Move) -> list[str]:
-    return _move(dialect, move, "==1 GOTOB ON_ITS_WAY")
-
-
 def _touched(dialect: Dialect, touch: Touch, log: str) -> list[str]:
     back = " ".join(f"{axis}=$AA_MW[{axis}]{touch.back_off * d:+.5f}" for axis, d in touch.away.items())
     stored = '<<" '.join(f'{axis}"<<$AA_MW[{axis}]' for axis in touch.away)
@@ -61,7 +57,7 @@ def _prepared(dialect: Dialect, post: Post) -> Dialect:
 
 
 CYCLE = Cycle(
-    guarded=_guarded,
+    guarded=lambda dialect, move: _move(dialect, move, "==1 GOTOB ON_ITS_WAY"),
     touched=_touched,
     opening=("G60", 'DELETE(FAULT,"{log}")'),
     closing=("G64",),
