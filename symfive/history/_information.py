@@ -83,7 +83,8 @@ def information_of(visits: Sequence[Visit], names: Sequence[str] | None = None) 
         mean = (np.array([v.means for v in some])[:, there] + shift) / scale[where]
         prior = np.array([v.priors for v in some])[:, there] / scale[where]
         weight = np.where(np.isfinite(prior), prior, FLAT) ** -2.0
-        precision = _inverse(covariance)
+        # a parameter that was held has no variance and is known as far as numbers go
+        precision = np.asarray(np.linalg.inv(covariance + 1e-14 * np.eye(len(where))))
         at = np.array(numbers)
         information[np.ix_(at, where, where)] = _without(precision, weight)
         data = np.einsum("nij,nj->ni", precision, x) - weight * mean
@@ -91,12 +92,6 @@ def information_of(visits: Sequence[Visit], names: Sequence[str] | None = None) 
         value[np.ix_(at, where)] = x * scale[where]
         std[np.ix_(at, where)] = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)) * scale[where]
     return Information(wanted, tuple(units), scale, information, score, value, std)
-
-
-def _inverse(covariance: Array) -> Array:
-    """The precisions; a parameter that was held has no variance and is known as far as numbers go."""
-    floor = 1e-14 * np.eye(covariance.shape[1])
-    return np.asarray(np.linalg.inv(covariance + floor))
 
 
 def _without(precision: Array, weight: Array) -> Array:

@@ -13,7 +13,7 @@ from symfive.machine import Machine
 from symfive.nc._base import Dialect, Step
 from symfive.nc._pace import CAUTION, able, pace
 from symfive.nc._post import UNCHECKED, Post, collision_warning, table_assumed, turned_against, which_point
-from symfive.nc._probing import check_probing, cycle_of, probing_steps
+from symfive.nc._probing import Prober, check_probing, cycle_of
 from symfive.nc._render import render
 from symfive.nc._route import (
     Positions,
@@ -112,7 +112,7 @@ def _written(
     """One run's program."""
     if not is_probed(run):
         return _text(machine, run, dialect, program_steps(machine, run, post), post, number)
-    steps = probing_steps(machine, run, dialect, post, probing)
+    steps = Prober(machine, run, dialect, post, probing).steps()
     return _text(machine, run, cycle_of(dialect, post).prepared(dialect, post), steps, post, number)
 
 

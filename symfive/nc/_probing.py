@@ -54,14 +54,6 @@ def check_probing(machine: Machine) -> None:
         raise InputError("a touch probe moves X, Y and Z", remedy="name the linear axes so, and leave out U, V and W")
 
 
-def probing_steps(
-    machine: Machine, run: Run, dialect: Dialect, post: Post, probing: Probing | None = None
-) -> list[Step]:
-    """The steps of a probing program. Raises `InputError` for touches that come from below the stand-off, for further linear
-    axes, and where `cycle_of` does."""
-    return _Prober(machine, run, dialect, post, probing).steps()
-
-
 class ProbeWays(Writer):
     """The moves between the poses of a probing program, and their times."""
 
@@ -174,8 +166,9 @@ class ProbeWays(Writer):
         return found
 
 
-class _Prober(ProbeWays):
-    """The program in a control's words."""
+class Prober(ProbeWays):
+    """The program in a control's words. Raises `InputError` for touches that come from below the stand-off, for further linear
+    axes, and where `cycle_of` does."""
 
     def __init__(self, machine: Machine, run: Run, dialect: Dialect, post: Post, probing: Probing | None) -> None:
         super().__init__(machine, run, post, probing)

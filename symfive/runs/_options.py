@@ -22,10 +22,6 @@ def _positive(value: Any) -> bool:
     return is_number(value) and value > 0.0
 
 
-def _whole(value: Any) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= 60
-
-
 def _numbers(count: int) -> Callable[[Any], bool]:
     def right(value: Any) -> bool:
         return isinstance(value, (list, tuple)) and len(value) == count and all(is_number(entry) for entry in value)
@@ -58,7 +54,7 @@ OPTIONS: dict[str, tuple[Callable[[Any], bool], str]] = {
     "encoder_zero_sigma": (lambda value: is_number(value) and value >= 0.0, "a number from zero"),
     "force_terms": (_texts, '["mass", "coulomb"]'),
     "form_axis": (_text, '"C"'),
-    "form_order": (_whole, "a whole number from 0 to 60"),
+    "form_order": (lambda value: type(value) is int and 0 <= value <= 60, "a whole number from 0 to 60"),
     "form_sigma_um": (_positive, "a number above zero"),
     "lobing_sigma_um": (lambda value: is_number(value) and value >= 0.0, "a number from zero"),
     "frame": (lambda value: value in ("workpiece", "machine", "tool"), '"tool"'),
