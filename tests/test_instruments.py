@@ -29,7 +29,8 @@ N = 9
 
 def rotation(axis, angle):
     """Rotation about a unit vector, by its matrix exponential's closed form."""
-    k = np.cross(np.eye(3), axis)
+    x, y, z = axis
+    k = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     return np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * k @ k
 
 

@@ -133,9 +133,9 @@ def test_no_pose_is_offered_without_travel_to_draw_the_tool_back(name: str, high
     drawn_back = "travel to draw the tool back"
     place = space.limit_names.index(drawn_back)
     back, others = limits[:, place], np.delete(limits, place, axis=1).min(axis=1) >= 0.0
-    offered, left_out = (np.flatnonzero(others & side)[:60] for side in (back >= 0.0, back < 0.0))
-    assert len(offered) == len(left_out) == 60
-    k = np.zeros((60, 1))
+    offered, left_out = (np.flatnonzero(others & side)[:20] for side in (back >= 0.0, back < 0.0))
+    assert len(offered) == len(left_out) == 20
+    k = np.zeros((20, 1))
     assert drawn_back not in Reach(space).in_the_way(drawn[offered], k)
     assert set(Reach(space).in_the_way(drawn[left_out], k)) <= {drawn_back, "nest, from below,"}
 

@@ -46,12 +46,6 @@ def test_what_comes_back_over_time_is_unknown_over_time_with_its_period(tmp_path
     assert found.fit.chi2_dof_after < 1.3 and found.fit.chi2_dof_before > 3.0
 
 
-def test_a_circle_without_play_is_clean() -> None:
-    result = diagnose(bars({}))
-    assert not result.findings
-    assert result.to_data()["mismatch"] is False
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("plays", "soft", "machine"),

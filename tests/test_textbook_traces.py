@@ -76,6 +76,7 @@ def test_plays_are_named_with_their_widths_and_nothing_beside(name, tmp_path):
     found = diagnose(imported(tmp_path, play, way))
     widths = {f.axis: f.parameters["width"].value for f in found.findings if f.name == "backlash"}
     assert len(widths) == len(found.findings)
+    assert found.to_data()["mismatch"] is bool(found.findings)
     assert widths == pytest.approx({"XY"[k]: w for k, w in enumerate(play) if w}, rel=0.05)
     assert all(
         f.confidence > 0.5 for f in found.findings
