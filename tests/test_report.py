@@ -15,8 +15,8 @@ from symfive.errors import InputError
 from symfive.identify import Confounding, Identification, Outlier, identify
 from symfive.machine import ErrorTerm, Machine, Structure, make_axis
 from symfive.model import Model
-from symfive.numbers import expected_ratio, name_words, plain_number, rounded, unit_words, with_std
 from symfive.report import (
+    _report,
     correlation_matrix,
     error_motion_bands,
     identification_report,
@@ -29,6 +29,7 @@ from symfive.report import (
     residuals_over_time,
     save_figures,
 )
+from symfive.report._evidence import gap_table  # lost rows
 
 CAMPAIGNS = Path(__file__).parent / "data" / "campaigns"
 PLANAR = ("xy-f800-ccw-1", "xy-f800-cw-1", "xy-f2400-ccw-1", "xy-f2400-cw-2")
@@ -335,23 +336,6 @@ def test_verdict_is_honest(static, backlash):
     assert re.search("EA0C .* orientation of axis C about X", identification_text(static))
 
 
-def test_numbers_and_units_as_engineers_write_them():
-    assert unit_words("um") == "µm" and unit_words("urad/deg") == "µrad/°" and unit_words("um/(m/s^2)") == "µm/(m/s²)"
-    assert name_words("ppm", "ppm") == "" and name_words("lag_ms", "ms") == "lag"
-    assert rounded(0.5, 0.0996) == "0.50" and rounded(0.0996, 0.0996) == "0.10"
-    assert rounded(12.3456, 0.047) == "12.346" and rounded(-1234.5, 210.0) == "−1230" and rounded(-0.001, 5.0) == "0.0"
-    assert plain_number(0.4) == "0.4" and plain_number(-37.04) == "−37" and plain_number(2e7) == "2.00e+07"
-    assert plain_number(1.3e-15) == "0" and plain_number(-3e-5, "um") == "0" and plain_number(3e-5) == "3.00e−05"
-    assert rounded(-4e-16, 3e-15) == "0" and rounded(1e-15, 0.0, "um") == "0" and rounded(-0.0004, 0.02) == "0.000"
-    assert with_std(8.9031, 0.0612, "um") == "8.903 ± 0.061 µm" and with_std(0.5, 0.0, "1") == "0.5"
-
-
-def test_the_band_of_chi_squared_and_few_degrees_of_freedom():
-    assert expected_ratio(800.0) == "noise alone gives 1 ± 0.1"
-    assert expected_ratio(8.0) == "noise alone gives 1 ± 1; with 8 degrees of freedom it says little"
-    assert "no degree of freedom" in expected_ratio(0.2)
-
-
 def test_few_poses_are_points_with_their_number(small):
     figure = residuals_over_time(small)
     first = small.model.campaign.runs[0]
@@ -377,3 +361,29 @@ def test_what_identify_prints_has_a_verdict_and_the_band(small):
     assert verdict(small).startswith("The model ") and max(map(len, said.partition("\n\n")[0].splitlines())) <= 100
     assert "noise alone gives 1 ± " in said and "e-" not in said
     assert all(re.search(rf"^{re.escape(p.name)} .* µ", said, re.M) for p in small.parameters if p.run is None)
+
+
+def test_lost_rows_are_named_by_file_and_row(static):
+    campaign = static.model.campaign
+    assert gap_table(campaign) == ""
+    run = campaign.runs[0]
+    time = np.arange(run.rows) * 0.01
+    time[20:] += 0.05
+    dynamic = replace(run, sampling="dynamic", time=time)
+    said = Page(gap_table(replace(campaign, runs=(dynamic,)))).words
+    assert "nest1.csv" in said and "60" in said and "rows lost" in said
+
+
+def test_identification_report_draws_each_figure_once(static, tmp_path, monkeypatch):
+    counted = []
+
+    def counting(drawing):
+        return replace(drawing, draw=lambda result: counted.append(drawing.name) or drawing.draw(result))
+
+    wanted = ("residual-spectrum",)
+    monkeypatch.setattr(_report, "FIGURES", [counting(d) for d in _report.FIGURES if d.name in wanted])
+    identification_report(static, tmp_path, figures=tmp_path / "figures")
+    assert counted == list(wanted)
+    assert sorted(p.name for p in (tmp_path / "figures").iterdir()) == ["residual-spectrum.png"]
+    saved = save_figures(static, tmp_path / "figures")
+    assert [p.stem for p in saved] == list(wanted)

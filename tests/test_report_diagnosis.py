@@ -29,19 +29,15 @@ from symfive.effects import Quantity, make_effect
 from symfive.errors import InputError
 from symfive.identify import Outlier, identify
 from symfive.machine import preset
-from symfive.numbers import change, in_words, percent, power_of_ten
 from symfive.procedures import campaign_of, planar_circle
 from symfive.report import (
     _diagnosis,
     _report,
     diagnosis_report,
     diagnosis_text,
-    identification_report,
-    save_figures,
     visible_parts,
 )
 from symfive.report._chain import affected_link, chain_picture  # stages that no fixture finds
-from symfive.report._evidence import gap_table  # lost rows
 from symfive.simulate import simulate
 
 CAMPAIGNS = Path(__file__).parent / "data" / "campaigns"
@@ -375,45 +371,6 @@ def test_coordinates_are_drawn_with_their_units(found, page_of, coordinate):
     for label in COORDINATES[coordinate]:
         assert label.replace(" over one revolution", "") in words
     assert ("B moving down" in words) == (coordinate == "B velocity sign")
-
-
-def test_lost_rows_are_named_by_file_and_row(found):
-    campaign = found.after.model.campaign
-    assert gap_table(campaign) == ""
-    run = campaign.runs[0]
-    time = np.arange(run.rows) * 0.01
-    time[20:] += 0.05
-    dynamic = replace(run, sampling="dynamic", time=time)
-    said = Page(gap_table(replace(campaign, runs=(dynamic,)))).words
-    assert "nest1.csv" in said and "60" in said and "rows lost" in said
-
-
-def test_small_numbers_in_words():
-    assert change(1.6712, 0.40212, "um") == "1.67 → 0.402" and change(0.4021, 0.4022, "um") == "0.402"
-    assert in_words("EZB") == "EZB" and in_words(("B", "C")) == "B, C"
-    assert in_words(7.0123, 0.064, "um") == "7.012 ± 0.064 µm"
-    assert in_words((0.0, 0.27712), (0.01, 0.004), "1") == "(0.000 ± 0.010, 0.2771 ± 0.0040)"
-    assert in_words((0.0, 4e-14, 1.0), (0.0, 1.7e-12, 3e-11), "1") == "(0, 0, 1)"  # one direction is read
-    assert in_words(7.01, 2e-9, "um") == "7.01 µm"
-    matrix, spreads = ((1.0, 0.0123), (-0.2, 1.0)), ((0.01, 0.01), (0.1, 0.1))
-    assert in_words(matrix, spreads, spread=False) == "((1.000, 0.012), (−0.20, 1.00))"
-    assert percent(0.9999) == "above 99.9 %" and percent(0.5) == "50 %" and percent(0.0) == "0 %"
-    assert [power_of_ten(p) for p in (0.03, 3e-7, 1e-300)] == ["0.03", "about 10⁻⁷", "below 10⁻³⁰⁰"]
-
-
-def test_identification_report_draws_each_figure_once(found, tmp_path, monkeypatch):
-    counted = []
-
-    def counting(drawing):
-        return replace(drawing, draw=lambda result: counted.append(drawing.name) or drawing.draw(result))
-
-    wanted = ("residual-spectrum",)
-    monkeypatch.setattr(_report, "FIGURES", [counting(d) for d in _report.FIGURES if d.name in wanted])
-    identification_report(found.after, tmp_path, figures=tmp_path / "figures")
-    assert counted == list(wanted)
-    assert sorted(p.name for p in (tmp_path / "figures").iterdir()) == ["residual-spectrum.png"]
-    saved = save_figures(found.after, tmp_path / "figures")
-    assert [p.stem for p in saved] == list(wanted)
 
 
 def test_geometry_that_the_machine_file_leaves_free_is_said_without_a_fault() -> None:
