@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Everything from a fresh clone: `python3 go.py demo`, `test`, `lint`, `docs`, `lock` or `sbom`.
+"""Everything from a fresh clone: `python3 go.py demo`, `test`, `lint`, `docs`, `designs`, `lock` or `sbom`.
 
 The first start makes `.venv` and installs the locked packages there, each checked against its hash; later starts use it
 at once. Only Python and its pip are needed: no ensurepip, no make, and nothing is installed outside the repository.
@@ -151,6 +151,12 @@ def docs(*arguments: str) -> int:
     return run("-m", "sphinx", "-W", "--keep-going", "docs", "docs/_build/html", *arguments)
 
 
+def designs(*arguments: str) -> int:
+    """Make the ready plans in designs/plans anew: all of them, or `own`, `optimised` and names of folders."""
+    prepare("test")
+    return run("-m", "designs.plans.make_plans", *arguments)
+
+
 def lock(*arguments: str) -> int:
     """Resolve the dependencies anew into constraints.txt, for every platform; `--upgrade` takes newer versions."""
     prepare("lock")
@@ -175,6 +181,7 @@ VERBS: dict[str, Callable[..., int]] = {
     "test": test,
     "lint": lint,
     "docs": docs,
+    "designs": designs,
     "lock": lock,
     "sbom": sbom,
 }

@@ -1,6 +1,6 @@
 """Makes the ready plans beside this file: the papers' own tests, tests in the style of ISO 10791-6, and optimised plans.
 
-    .venv/bin/python -m designs.plans.make_plans [own|optimised|NAME ...]
+    python3 go.py designs [own|optimised|NAME ...]
 
 Every folder is a campaign without readings; `assessment.json` (or `plan.json`) says what it will tell.
 """
@@ -111,17 +111,20 @@ OWN: dict[str, tuple[str | Callable[[], Machine], Callable[[Machine], Iterable[R
     "tsutsumi-2007-bk1-bk2": ("tsutsumi-2007", both),
     "three-axis-circles": ("three-axis", planes),
 }
-OPTIMISED = (
-    ("table-bc", "r_test", 40, 2),
-    ("table-bc", "ball_bar", 48, 2),
-    ("head-bc", "r_test", 36, 2),
-    ("mixed-bc", "r_test", 36, 2),
-    ("nutating-table", "r_test", 36, 2),
-    ("oyama-2010", "r_test", 48, 2),
-    ("tsutsumi-2007", "r_test", 36, 2),
-    ("wang-li-2016", "ball_bar", 72, 3),
-    ("three-axis", "ball_bar", 40, 3),
-)
+OPTIMISED = {
+    f"{machine}-{instrument.replace('_', '-')}-{points}": (machine, instrument, points, setups)
+    for machine, instrument, points, setups in (
+        ("table-bc", "r_test", 40, 2),
+        ("table-bc", "ball_bar", 48, 2),
+        ("head-bc", "r_test", 36, 2),
+        ("mixed-bc", "r_test", 36, 2),
+        ("nutating-table", "r_test", 36, 2),
+        ("oyama-2010", "r_test", 48, 2),
+        ("tsutsumi-2007", "r_test", 36, 2),
+        ("wang-li-2016", "ball_bar", 72, 3),
+        ("three-axis", "ball_bar", 40, 3),
+    )
+}
 
 
 def emptied(name: str) -> Path:
@@ -151,8 +154,7 @@ def own(wanted: Collection[str]) -> None:
 
 def optimised(wanted: Collection[str]) -> None:
     """The designer's plans."""
-    for machine_name, instrument, points, setups in OPTIMISED:
-        name = f"{machine_name}-{instrument.replace('_', '-')}-{points}"
+    for name, (machine_name, instrument, points, setups) in OPTIMISED.items():
         if not {"optimised", name} & set(wanted):
             continue
         made = plan(preset(machine_name), instrument=instrument, points=points, setups=setups, starts=8)
@@ -163,5 +165,7 @@ def optimised(wanted: Collection[str]) -> None:
 
 if __name__ == "__main__":
     chosen = sys.argv[1:] or ["own", "optimised"]
+    for unknown in {*chosen} - {"own", "optimised", *OWN, *OPTIMISED}:
+        sys.exit(f"{unknown} is no ready plan; use own, optimised or one of {', '.join((*OWN, *OPTIMISED))}")
     own(chosen)
     optimised(chosen)
