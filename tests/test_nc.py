@@ -227,7 +227,7 @@ def test_tool_centre_control_is_switched_by_the_users_text() -> None:
     assert off[0] == 1 < first < on < off[-1]  # whatever the control was left in, the first words are those of the axes
     x, y, z = run.table_ball
     inside = [line for line in lines[on : off[-1]] if line.startswith("G1")][1:-2]
-    assert all(line.startswith(f"G1 X{x:.5f} Y{y:.5f} Z{z:.5f}") for line in inside)
+    assert all(line.startswith(f"G1 X{x:.4f} Y{y:.4f} Z{z:.4f}") for line in inside)
     plain = [step for step in program_steps(machine, run) if step.row == 2][-1]
     turned = [step for step in program_steps(machine, run, post) if step.row == 2][-1]
     assert turned.positions["C"] == -plain.positions["C"] != 0.0
@@ -242,28 +242,31 @@ def test_the_tool_stands_still_where_its_length_is_called() -> None:
     run = r_test_grid(machine, grid={"B": (0.0,), "C": (90.0, 0.0)}, nests=((60.0, 0.0, 100.0),), returning=False)[0]
     lines = program(machine, run, "iso", Post(tool_centre=True)).splitlines()
     on, off = (next(i for i, line in enumerate(lines) if code in line) for code in ("G43.4 H1 X", "G49 X"))
-    assert lines[on - 2 : on] == ["G0 X0.00000 Y-60.00000", "G0 Z300.00000"]  # the ball is 150 mm below
-    assert lines[on] == "G1 G43.4 H1 X0.00000 Y-60.00000 Z150.00000 B0.00000 C90.00000 F1"
-    assert {line.split()[2] for line in lines[on:off] if line.startswith("G1 X")} == {"Y-60.00000"}  # wherever C is
-    assert lines[off - 1].startswith("G1 X0.00000 Y-60.00000 Z150.00000 B0.00000 C0.00000")
-    assert lines[off] == "G1 G49 X60.00000 Y0.00000 Z300.00000 B0.00000 C0.00000 F1"
+    assert lines[on - 2 : on] == ["G0 X0.0000 Y-60.0000", "G0 Z300.0000"]  # the ball is 150 mm below
+    assert lines[on] == "G1 G43.4 H1 X0.0000 Y-60.0000 Z150.0000 B0.0000 C90.0000 F1"
+    assert {line.split()[2] for line in lines[on:off] if line.startswith("G1 X")} == {"Y-60.0000"}  # wherever C is
+    assert lines[off - 1].startswith("G1 X0.0000 Y-60.0000 Z150.0000 B0.0000 C0.0000")
+    assert lines[off] == "G1 G49 X60.0000 Y0.0000 Z300.0000 B0.0000 C0.0000 F1"
 
 
-def test_no_number_has_more_digits_than_the_control_reads() -> None:
-    """A Fanuc refuses X1063.42240: nine digits."""
+def test_positions_are_written_to_what_the_control_keeps() -> None:
+    """A Fanuc keeps 0.001 or 0.0001 mm and degree, and refuses X1063.42240: nine digits."""
     machine = preset("table-bc")
     far = {name: replace(axis, travel=(-5000.0, 5000.0)) for name, axis in machine.axes.items()}
     wide = replace(machine, axes=far)
     for run in (planar_circle(wide, plane="XY", feed=1000.0, rate_hz=5.0)[0], r_test_grid(wide)[0]):
         shift = {"X": 1234.567895, "C": 1080.0}
         moved = replace(run, commands={n: q + shift.get(n, 0.0) for n, q in run.commands.items()}, readings={})
-        text = program(wide, moved, "iso")
-        blocks = re.findall(r"^G[0-3] .*$", text, re.MULTILINE)
-        numbers = re.findall(r"[A-Z](-?[0-9.]+)", "".join(blocks))
-        assert max(len(n.replace(".", "").lstrip("-")) for n in numbers) == 8
-        written = np.array([float(x) for x in re.findall(r" X(\S+)", "".join(blocks))])
-        ends = moved.commands["X"] if not run.dynamic else moved.commands["X"][[0, -1]]
-        assert written.max() > 1000.0 and np.abs(ends[:, None] - written).min(axis=1).max() < 6e-5
+        for dialect, decimals in (("iso", 4), ("siemens", 4), ("heidenhain", 4), ("linuxcnc", 5)):
+            text = program(wide, moved, dialect)
+            blocks = "\n".join(re.findall(r"^(?:N?[0-9]+ )?(?:G[0-3]|LN?|CC) .*$", text, re.MULTILINE))
+            written = [number for number in re.findall(r" [XYZBC][+]?(-?[0-9.]+)", blocks) if "." in number]
+            assert {len(number.partition(".")[2]) for number in written} == {decimals}
+            beyond = max(abs(float(number)) for number in written)
+            assert beyond > 1000.0 and (dialect != "iso" or beyond < 10.0 ** (8 - decimals))
+            places = np.array([float(x) for x in re.findall(r" X[+]?(\S+)", blocks)])
+            ends = moved.commands["X"] if not run.dynamic else moved.commands["X"][[0, -1]]
+            assert np.abs(ends[:, None] - places).min(axis=1).max() < 0.6 * 10.0**-decimals
 
 
 def test_the_tool_centre_stands_still_in_the_nest() -> None:

@@ -126,6 +126,7 @@ FAULTS: dict[str, tuple[str, Callable[[Path], None]]] = {
     "the sheet says no tool length": ("sheet", edit("nc/linuxcnc/bar.ngc", r"^G54$", "G54 G43 H1")),
     "the spindle nose is thick": ("clearance",
         edit("machine.toml", r"radius = 40.0, above_ball = 60.0", "radius = 250.0, above_ball = 2.0")),
+    "more decimals than the control keeps": ("program", edit("nc/iso/nest.nc", r"^(G0 X\S+)", r"\g<1>5")),
     "a code that nobody knows": ("program", edit("nc/iso/nest.nc", r"^G54$", "G54 G68.2")),
     "a program is missing": ("program", lambda folder: (folder / "nc" / "iso" / "bar.nc").unlink()),
 }  # fmt: skip

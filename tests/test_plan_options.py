@@ -295,4 +295,4 @@ def test_a_quill_that_no_test_needs_stands_still_inside_its_reach() -> None:
     made = plan(machine, points=4, setups=1, starts=1, prove=False, anywhere=False)
     (run,) = made.campaign.runs
     assert np.all(run.commands["W"] == machine.workspace.clearance)
-    assert set(re.findall(r"W(-?[\d.]+)", program(machine, run, "iso", Post()))) == {"2.00000"}
+    assert set(re.findall(r"W(-?[\d.]+)", program(machine, run, "iso", Post()))) == {"2.0000"}

@@ -182,7 +182,7 @@ FAULTS = {
     "iso: a log that is not open": ("iso/sphere-1.nc", r"\nPOPEN", "", "touch"),
     "iso: a rotary axis turns at the sphere": ("iso/sphere-1.nc", r"(?<=\n)(DPRNT\[R0T0)", r"G1 B1. F500\n\1", "clear"),
     "iso: a rapid at the sphere": ("iso/sphere-1.nc", r"(DPRNT\[R0T1[^\n]*\n)G1", r"\1G0", "clear"),
-    "iso: touched beside the centre": ("iso/sphere-1.nc", r"G31 X92.50000 Y-30", "G31 X92.50000 Y-29", "touch"),
+    "iso: touched beside the centre": ("iso/sphere-1.nc", r"G31 X92.5000 Y-30", "G31 X92.5000 Y-29", "touch"),
     "siemens: MEAS left out": ("siemens/SPHERE_1.mpf", r"MEAS=1 (G1 [^\n]*F2000)\nSTOPRE\nIF[^\n]*", r"\1", "probing"),
     "siemens: a label that is not there": ("siemens/SPHERE_1.mpf", r"NO_CONTACT: MSG", "NO_TOUCH: MSG", "probing"),
     "siemens: two logs": ("siemens/SPHERE_1.mpf", r'DELETE\(FAULT,"SPHERE_1_LOG"', 'DELETE(FAULT,"OTHER"', "touch"),

@@ -103,7 +103,7 @@ class Touch:
     @property
     def backed_off(self) -> str:
         """Words of the place `back_off` off the contact that macro variables hold."""
-        return " ".join(f"{axis}[{STORED[axis]}{self.back_off * d:+.5f}]" for axis, d in self.away.items())
+        return " ".join(f"{axis}[{STORED[axis]}{self.back_off * d:+.4f}]" for axis, d in self.away.items())
 
     @property
     def seconds(self) -> float:

@@ -99,7 +99,6 @@ HEIDENHAIN = Dialect(
     tool_centre_example="FUNCTION TCPM F TCP AXIS POS PATHCTRL AXIS after your TOOL CALL, and FUNCTION RESET TCPM",
     inverse_time=False,
     numbered=True,
-    decimals=4,
     word="{axis}{value:+.{decimals}f}",
     cycle=CYCLE,
 )

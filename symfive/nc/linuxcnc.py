@@ -48,6 +48,7 @@ LINUXCNC = Dialect(
     retract=("G49", "G53 G0 {words}"),
     orient=("M19 R{angle} Q30",),
     comment="({text})",
+    decimals=5,
     datum="G54 calls the datum, whose rotation R must be 0, G49: no tool length offset",
     tool_centre_example="M428 and M429 in some configurations (a remap sets the kinematics), the other way round in others",
     verified="parsed by LinuxCNC's own interpreter",

@@ -49,7 +49,7 @@ class GCode:
     def __init__(self, control: Control, dialect: str) -> None:
         self.control, self.words = control, DIALECTS[dialect]
         self.motion, self.plane, self.incremental = "", "17", False
-        self.shown, self.last_comment = "", ""
+        self.shown, self.last_comment, self.literal = "", "", ""
         self.touching = Touching(control, dialect)
 
     def read(self, text: str) -> None:
@@ -60,7 +60,7 @@ class GCode:
     def _line(self, number: int, line: str) -> None:
         if not line or line == "%" or self.touching.takes(number, line):
             return
-        line = self.touching.substituted(line)
+        self.literal, line = line, self.touching.substituted(line)
         block = self._split(number, line)
         if block.message is not None:
             self.shown = block.message
@@ -101,7 +101,8 @@ class GCode:
             (block.g if letter == "G" else block.m).append(re.sub(r"^0+(?=\d)", "", value))
         elif letter in "XYZABCUVW" and not (letter in "XU" and "4" in block.g):
             block.axes[letter] = float(value)
-            self.control.wrote(value)
+            if value in self.literal:
+                self.control.wrote(value)
         elif letter not in "NO":
             block.other[letter] = float(value)
         return " "

@@ -17,11 +17,13 @@ class Dialect:
     (`stops`; 26 characters), whether it stays until the next one (`held`), whether a comment at a stop is
     shown too (`reads_comment`).
 
-    Expected: `suffix` of the file; `top` the first move, to -3 mm in machine coordinates; `calls` lines that stand before it;
+    Expected: `decimals` that the control keeps, at most; `suffix` of the file; `top` the first move, to -3 mm in machine
+    coordinates; `calls` lines that stand before it;
     `screen` a stop and its text; `orient` the spindle's angle; `circle` two turns clockwise of radius 100 mm; `spoiled` what is
     changed in an arc and what the checker says then.
     """
 
+    decimals: int
     suffix: str
     top: str
     calls: tuple[str, ...]
@@ -48,20 +50,21 @@ class Dialect:
     reads_comment: bool = False
 
 
-IN, OUT = "G1 X-100.00000 Y0.00000 F1000", "G1 X-101.50000 Y0.00000 F1000"
-TURN = "G2 X-100.00000 Y0.00000 I100.00000 J0.00000"
+IN, OUT = "G1 X-100.0000 Y0.0000 F1000", "G1 X-101.5000 Y0.0000 F1000"
+TURN = "G2 X-100.0000 Y0.0000 I100.0000 J0.0000"
+FINE = {text: text.replace("0 ", "00 ") + "0" * (text == TURN) for text in (IN, OUT, TURN)}
 G_STATES = ("G17", "G21", "G40", "G80", "G90", "G49", "datum")
 
 DIALECTS: dict[str, Dialect] = {
     "iso": Dialect(
-        suffix=".nc", top="G91 G28 Z0.", calls=("G21 G17 G90 G94 G40 G80", "G69", "G54"), moves_alone=("G49",),
+        decimals=4, suffix=".nc", top="G91 G28 Z0.", calls=("G21 G17 G90 G94 G40 G80", "G69", "G54"), moves_alone=("G49",),
         screen=r"#3006=1\(([^)]{5,26})\)", orient=r"TURN SPINDLE TO (\d+)",
         circle=(IN, f"{TURN} F1000", f"{TURN} F1000", OUT), spoiled=("G2 X", "G3 X", ""),
         needed=G_STATES, message=r"#3006\s*=\s*1\s*\((?P<text>.*?)\)", stops=True,
         reads_comment=True,
     ),
     "siemens": Dialect(
-        suffix=".mpf", top="SUPA G0 Z-3.00000 D0",
+        decimals=4, suffix=".mpf", top="SUPA G0 Z-3.0000 D0",
         calls=("TRAFOOF", "TOROTOF", "PAROTOF", "G710 G17 G90 G94 G40 G500 D0", "TRANS", "G54"),
         screen=r'MSG\("([^"]+)"\)\nM0\nMSG\(\)', orient=r"SPOS=(\d+)",
         circle=(IN, f"{TURN} TURN=1 F1000", OUT), spoiled=("TURN=1", "TURN=2", "turns by"),
@@ -71,7 +74,7 @@ DIALECTS: dict[str, Dialect] = {
         message=r'MSG\(\s*"?(?P<text>.*?)"?\s*\)', held=True,
     ),
     "heidenhain": Dialect(
-        suffix=".h", top="L Z-3.0000 R0 FMAX M91",
+        decimals=4, suffix=".h", top="L Z-3.0000 R0 FMAX M91",
         calls=("FUNCTION RESET TCPM", "PLANE RESET STAY", "TRANS DATUM RESET", "CYCL DEF 247 DATUM SETTING Q339=+1",
                "TOOL CALL 0 Z"),
         screen=r"; ([^\n]+)\n\d+ STOP M0", orient=r"13\.1 ANGLE (\d+)",
@@ -81,9 +84,9 @@ DIALECTS: dict[str, Dialect] = {
         needed=("MM", ("length off", "length on"), ("datum", "datum shift")), turning=("TCP off",), klartext=True,
     ),
     "linuxcnc": Dialect(
-        suffix=".ngc", top="G53 G0 Z-3.00000", calls=("G21 G17 G90 G94 G40 G49 G80 G92.1", "G54", "G49"),
+        decimals=5, suffix=".ngc", top="G53 G0 Z-3.00000", calls=("G21 G17 G90 G94 G40 G49 G80 G92.1", "G54", "G49"),
         screen=r"\(MSG, ([^)]+)\)\nM0", orient=r"M19 R(\d+)",
-        circle=(IN, f"{TURN} P2 F1000", OUT), spoiled=(" P2 F", " P3 F", "turns by"),
+        circle=(FINE[IN], f"{FINE[TURN]} P2 F1000", FINE[OUT]), spoiled=(" P2 F", " P3 F", "turns by"),
         needed=G_STATES, dwell="P", datum=r"5[4-9](\.[123])?", message=r"\(\s*MSG\s*,\s*(?P<text>[^)]*)\)",
     ),
 }  # fmt: skip
