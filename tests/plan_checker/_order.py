@@ -167,7 +167,7 @@ def _recorded(path: Path) -> Iterator[Finding]:
         (names[turning], there[:, turning], path.run.rows[:, turning], CHORD_DEG, "degree"),
     ):
         off = np.abs(found - rows) - CLOCK_S * np.abs(np.gradient(rows, wanted, axis=0))
-        if off.size and off.max() > most:
+        if off.size and off.max() > most + _resolution(path):
             k, i = np.unravel_index(np.argmax(off), off.shape)
             says = f"line {k + 2} of {path.run.file.name}: {what[min(i, len(what) - 1)]} is {off[k, i]:.4f} {unit} from its row"
             yield path.fault("poses", known[0].line, says)
