@@ -124,11 +124,21 @@ def _nearest(path: Path, row: np.ndarray) -> str:
     return f"nearest position: {path.machine.names[i]} off by {off[k, i]:.6f} {'degree' if path.machine.rotary[i] else 'mm'}"
 
 
-CHORD_MM, CHORD_DEG = 0.005, 0.002
+CHORD_MM, CHORD_DEG = 0.001, 0.002
 """How far a recording's chords may take the tool ball off its place in the workpiece frame, and a rotary axis off its row. A
 linear axis that follows a turning table is off by as much as its lever makes of this, and the ball is not."""
 CLOCK_S, LATE_S = 1e-3, 0.01
 """What feeds that are written with three decimals may add up to, and by how much a first block that creeps may delay all."""
+
+
+def _driven(path: Path, moves: list[tuple[Event, float]], when: np.ndarray) -> np.ndarray:
+    """Positions (N, n) at times (N,) of moves that begin at times of their own: between two moves at the end of the first."""
+    number = np.maximum(np.searchsorted([begin for _, begin in moves], when, side="right") - 1, 0)
+    found = np.empty((len(when), len(path.machine.names)))
+    for k in np.unique(number):
+        (event, begin), rows = moves[k], number == k
+        found[rows] = path.along(event, np.clip((when[rows] - begin) / max(event.seconds, 1e-9), 0.0, 1.0))
+    return found
 
 
 def _recorded(path: Path) -> Iterator[Finding]:
@@ -137,29 +147,27 @@ def _recorded(path: Path) -> Iterator[Finding]:
     if any(e.arc is not None for e in whole):
         yield from _circular(path, [e for e in whole if e.kind == "feed"])
         return
-    known = [e for e in whole if e.kind == "feed" and np.isfinite(e.end - e.start).all()]
-    if not known:
+    ends = np.cumsum([e.seconds for e in whole])
+    moves = [
+        (e, float(end - e.seconds))
+        for e, end in zip(whole, ends, strict=True)
+        if e.kind == "feed" and np.isfinite(e.end - e.start).all()
+    ]
+    if not moves:
         yield path.fault("poses", 1, "no move is made while the instrument is seated")
         return
-    ends = np.cumsum([e.seconds for e in whole])
-    first = {id(e): float(t - e.seconds) for e, t in zip(whole, ends, strict=True)}
-    times, places = [], []
-    for i in np.flatnonzero(path.seated):
-        event, own = path.events[i], path.owner == i
-        if event.kind == "feed" and own.any():
-            times.append(first[id(event)] + path.share[own] * event.seconds)
-            places.append(path.q[own])
     wanted = path.run.t - path.run.t[0]
     if not 0.99 < ends[-1] / wanted[-1] < 1.01:
-        yield path.fault("poses", known[-1].line, f"the recording takes {ends[-1]:.2f} s, its file {wanted[-1]:.2f} s")
+        yield path.fault(
+            "poses", moves[-1][0].line, f"the recording takes {ends[-1]:.2f} s, its file {wanted[-1]:.2f} s"
+        )
         return
-    at, q = np.concatenate(times), np.concatenate(places)
     rate = np.gradient(path.run.rows, wanted, axis=0)
     quick = np.arange(len(rate)), np.argmax(np.abs(rate), axis=1)
-    there = np.stack([np.interp(wanted, at, own) for own in q.T], axis=1)
+    there = _driven(path, moves, wanted)
     with np.errstate(divide="ignore", invalid="ignore"):
         late = float(np.nanmedian(((path.run.rows - there)[quick] / rate[quick])[rate[quick] != 0.0]))
-    there = np.stack([np.interp(wanted + np.clip(late, -LATE_S, LATE_S), at, own) for own in q.T], axis=1)
+    there = _driven(path, moves, wanted + np.clip(late, -LATE_S, LATE_S))
     balls, own = (path.machine.points(p, path.run.tool_ball[None])[:, 0] for p in (there, path.run.rows))
     turning, names = path.machine.rotary, np.array(path.machine.names)
     for what, found, rows, most, unit in (
@@ -167,10 +175,10 @@ def _recorded(path: Path) -> Iterator[Finding]:
         (names[turning], there[:, turning], path.run.rows[:, turning], CHORD_DEG, "degree"),
     ):
         off = np.abs(found - rows) - CLOCK_S * np.abs(np.gradient(rows, wanted, axis=0))
-        if off.size and off.max() > most + _resolution(path):
+        if off.size and off.max() > most:
             k, i = np.unravel_index(np.argmax(off), off.shape)
             says = f"line {k + 2} of {path.run.file.name}: {what[min(i, len(what) - 1)]} is {off[k, i]:.4f} {unit} from its row"
-            yield path.fault("poses", known[0].line, says)
+            yield path.fault("poses", moves[0][0].line, says)
 
 
 OUT_MM = (1.0, 1.75)

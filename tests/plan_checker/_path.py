@@ -63,17 +63,23 @@ class Path:
         return [int(i) for i in np.flatnonzero(finite)]
 
     @cached_property
-    def _sampled(self) -> tuple[Array, NDArray[np.int64], Array]:
-        pieces, owners, times = [], [], []
+    def _sampled(self) -> tuple[Array, NDArray[np.int64]]:
+        pieces, owners = [], []
         for i in self.known:
             event = self.events[i]
             for curve in self._curves(event):
                 pieces.append(curve)
                 owners.append(np.full(len(curve), i))
-                times.append(np.linspace(0.0, 1.0, len(curve)))
         if not pieces:
-            return np.zeros((0, len(self.machine.names))), np.zeros(0, np.int64), np.zeros(0)
-        return np.concatenate(pieces), np.concatenate(owners), np.concatenate(times)
+            return np.zeros((0, len(self.machine.names))), np.zeros(0, np.int64)
+        return np.concatenate(pieces), np.concatenate(owners)
+
+    def along(self, event: Event, share: Array) -> Array:
+        """Axis positions (N, n) at shares of a move from 0 to 1, mm and degree."""
+        words = event.words(share)
+        if not event.centred:
+            return words
+        return self.machine.following(words, words[:, self.control.linear], self.run.tool_ball)
 
     def _curves(self, event: Event) -> list[Array]:
         """A straight path in the words; of a rapid also that of axes which each run at their own greatest speed."""
@@ -83,10 +89,9 @@ class Path:
         if event.arc is not None:
             count = max(count, int(np.ceil(abs(np.rad2deg(event.arc.sweep)))))
         share = np.linspace(0.0, 1.0, count + 1)
-        words = event.words(share)
+        words = self.along(event, share)
         if event.centred:
-            linear = self.control.linear
-            return [self.machine.following(words, words[:, linear], self.run.tool_ball)]
+            return [words]
         if event.kind != "rapid" or np.count_nonzero(way > 1e-9) < 2:
             return [words]
         needed = way / np.where(np.isfinite(self.machine.limit("max_feed")), self.machine.limit("max_feed"), 1e4)
@@ -107,11 +112,6 @@ class Path:
     def rapid(self) -> NDArray[np.bool_]:
         """Whether each sample belongs to a rapid (N,)."""
         return np.array([event.kind == "rapid" for event in self.events], bool)[self.owner]
-
-    @property
-    def share(self) -> Array:
-        """Share of the block at each sample (N,)."""
-        return self._sampled[2]
 
     @cached_property
     def ball(self) -> Array:
