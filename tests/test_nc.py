@@ -249,24 +249,31 @@ def test_the_tool_stands_still_where_its_length_is_called() -> None:
     assert lines[off] == "G1 G49 X60.0000 Y0.0000 Z300.0000 B0.0000 C0.0000 F1"
 
 
-def test_positions_are_written_to_what_the_control_keeps() -> None:
-    """A Fanuc keeps 0.001 or 0.0001 mm and degree, and refuses X1063.42240: nine digits."""
+def test_no_number_has_more_digits_than_the_control_reads() -> None:
+    """A Fanuc refuses X1063.42240: nine digits."""
     machine = preset("table-bc")
-    far = {name: replace(axis, travel=(-5000.0, 5000.0)) for name, axis in machine.axes.items()}
+    far = {name: replace(axis, travel=(-20000.0, 20000.0)) for name, axis in machine.axes.items()}
     wide = replace(machine, axes=far)
     for run in (planar_circle(wide, plane="XY", feed=1000.0, rate_hz=5.0)[0], r_test_grid(wide)[0]):
-        shift = {"X": 1234.567895, "C": 1080.0}
+        shift = {"X": 1234.567895, "C": 10800.0}
         moved = replace(run, commands={n: q + shift.get(n, 0.0) for n, q in run.commands.items()}, readings={})
-        for dialect, decimals in (("iso", 4), ("siemens", 4), ("heidenhain", 4), ("linuxcnc", 5)):
-            text = program(wide, moved, dialect)
-            blocks = "\n".join(re.findall(r"^(?:N?[0-9]+ )?(?:G[0-3]|LN?|CC) .*$", text, re.MULTILINE))
-            written = [number for number in re.findall(r" [XYZBC][+]?(-?[0-9.]+)", blocks) if "." in number]
-            assert {len(number.partition(".")[2]) for number in written} == {decimals}
-            beyond = max(abs(float(number)) for number in written)
-            assert beyond > 1000.0 and (dialect != "iso" or beyond < 10.0 ** (8 - decimals))
-            places = np.array([float(x) for x in re.findall(r" X[+]?(\S+)", blocks)])
-            ends = moved.commands["X"] if not run.dynamic else moved.commands["X"][[0, -1]]
-            assert np.abs(ends[:, None] - places).min(axis=1).max() < 0.6 * 10.0**-decimals
+        text = program(wide, moved, "iso")
+        blocks = re.findall(r"^G[0-3] .*$", text, re.MULTILINE)
+        numbers = re.findall(r"[A-Z](-?[0-9.]+)", "".join(blocks))
+        assert max(len(n.replace(".", "").lstrip("-")) for n in numbers) == 8
+        written = np.array([float(x) for x in re.findall(r" X(\S+)", "".join(blocks))])
+        ends = moved.commands["X"] if not run.dynamic else moved.commands["X"][[0, -1]]
+        assert written.max() > 1000.0 and np.abs(ends[:, None] - written).min(axis=1).max() < 6e-5
+
+
+@pytest.mark.parametrize(("dialect", "decimals"), [("iso", 4), ("siemens", 4), ("heidenhain", 4), ("linuxcnc", 5)])
+def test_positions_are_written_to_what_the_control_keeps(dialect: str, decimals: int) -> None:
+    """A Fanuc keeps 0.001 or 0.0001 mm and degree."""
+    machine, run = RUNS[0]
+    text = program(machine, run, dialect)
+    blocks = "\n".join(re.findall(r"^(?:N?[0-9]+ )?(?:G[0-3]|LN?|CC) .*$", text, re.MULTILINE))
+    written = [number for number in re.findall(r" [XYZBC][+]?(-?[0-9.]+)", blocks) if "." in number]
+    assert {len(number.partition(".")[2]) for number in written} == {decimals}
 
 
 def test_the_tool_centre_stands_still_in_the_nest() -> None:

@@ -74,7 +74,8 @@ class Dialect:
     `retract` drives `{axis}` alone in machine coordinates to `{words}`, tool offset cancelled. `stop` shows its `{text}`, of at
     most 26 characters, on the control's screen and waits. `datum` says in words which lines call datum and tool offset.
     `decimals` that the control keeps, at most, by default those of a least increment of 0.0001 mm and degree: positions are
-    written to these by `word` with `{axis}`, `{value}` and `{decimals}`; `upper`: it reads capital letters only.
+    written to these by `word` with `{axis}`, `{value}` and `{decimals}`, fewer where all `digits` of a number would be more than
+    it reads; `upper`: it reads capital letters only.
     `orient` turns the spindle to `{angle}` degree and holds it; controls whose words for it depend on the builder stop and let
     the operator turn it.
     `contour` calls a circle's `{plane}` and the contouring mode: exact stop off, look-ahead as in production. `arc` writes a
@@ -114,19 +115,24 @@ class Dialect:
     numbered: bool = False
     upper: bool = False
     decimals: int = 4
+    digits: int = 15
     word: str = "{axis}{value:.{decimals}f}"
     file: Callable[[str], str] = str
     verified: str = "not verified on a control"
     cycle: Cycle | None = None
 
+    def places(self, value: float) -> int:
+        """Decimals to which a position is written."""
+        return min(self.decimals, self.digits - len(f"{abs(value):.0f}"))
+
     def rounded(self, value: float) -> float:
         """A position as it is written."""
-        return round(value, self.decimals) + 0.0
+        return round(value, self.places(value)) + 0.0
 
     def words(self, positions: Mapping[str, float]) -> str:
         """Positions as the dialect writes them, in the order in which they stand."""
         return " ".join(
-            self.word.format(axis=axis, value=self.rounded(value), decimals=self.decimals)
+            self.word.format(axis=axis, value=self.rounded(value), decimals=self.places(value))
             for axis, value in positions.items()
         )
 

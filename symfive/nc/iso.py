@@ -68,6 +68,7 @@ ISO = Dialect(
     datum="G54 calls the datum, G49: no tool length offset. What the program before left must be zero or off: G52, G92, external "
     "offset, scaling (G51), mirror image",
     upper=True,
+    digits=8,
     tool_centre=("G1 G43.4 H{tool} {words} F1", "G1 G49 {words} F1"),
     frame_of_start=True,
     cycle=CYCLE,

@@ -61,8 +61,8 @@ def read_program(machine: Machine, run: Run, file: File, dialect: str, reversed_
     control = Control(machine, run, file, reversed_axes)
     reader = Klartext(control) if DIALECTS[dialect].klartext else GCode(control, dialect)
     reader.read(file.read_text(encoding="ascii"))
-    if control.decimals > (kept := DIALECTS[dialect].decimals):
-        control.fault(0, f"positions have {control.decimals} decimals, the control keeps {kept}")
+    if control.written > (kept := DIALECTS[dialect].decimals):
+        control.fault(0, f"positions have {control.written} decimals, the control keeps {kept}")
     return Path(machine, run, dialect, control)
 
 

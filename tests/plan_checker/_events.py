@@ -106,7 +106,8 @@ class Control:
     findings: list[Finding] = field(default_factory=list)
     facts: set[str] = field(default_factory=set)
     before_motion: set[str] = field(default_factory=set)
-    decimals: int = 0
+    written: int = 0
+    far: int = 99
     feed: float = 0.0
     inverse_time: bool = False
     length_on: bool = False
@@ -114,9 +115,17 @@ class Control:
     frame: Array = field(default_factory=lambda: np.eye(4))
     position: Array = field(init=False)
 
+    @property
+    def decimals(self) -> int:
+        """Decimals to which places are known: those of the longest number, fewer where one beyond 1000 has fewer."""
+        return min(self.written, self.far)
+
     def wrote(self, value: str) -> None:
-        """Notes to how many decimals positions are written."""
-        self.decimals = max(self.decimals, len(value.partition(".")[2]))
+        """Notes a position as it is written."""
+        whole, _, decimals = value.lstrip("+-").partition(".")
+        self.written = max(self.written, len(decimals))
+        if len(whole) > 3 and decimals:
+            self.far = min(self.far, len(decimals))
 
     def __post_init__(self) -> None:
         self.position = np.full(len(self.machine.names), np.nan)
