@@ -165,7 +165,7 @@ def optimised(wanted: Collection[str]) -> None:
 
 if __name__ == "__main__":
     chosen = sys.argv[1:] or ["own", "optimised"]
-    for unknown in {*chosen} - {"own", "optimised", *OWN, *OPTIMISED}:
-        sys.exit(f"{unknown} is no ready plan; use own, optimised or one of {', '.join((*OWN, *OPTIMISED))}")
+    if unknown := sorted({*chosen} - {"own", "optimised", *OWN, *OPTIMISED}):
+        sys.exit(f"{unknown[0]} is no ready plan; use own, optimised or one of {', '.join((*OWN, *OPTIMISED))}")
     own(chosen)
     optimised(chosen)

@@ -50,16 +50,21 @@ class Dialect:
     reads_comment: bool = False
 
 
-IN, OUT = "G1 X-100.0000 Y0.0000 F1000", "G1 X-101.5000 Y0.0000 F1000"
-TURN = "G2 X-100.0000 Y0.0000 I100.0000 J0.0000"
-FINE = {text: text.replace("0 ", "00 ") + "0" * (text == TURN) for text in (IN, OUT, TURN)}
+def _turns(decimals: int, *turns: str) -> tuple[str, ...]:
+    """The circle's blocks, which the bar is fed into and out of; `turns` what each arc has behind its words."""
+    zero, half = "0" * decimals, "5".ljust(decimals, "0")
+    arc = f"G2 X-100.{zero} Y0.{zero} I100.{zero} J0.{zero}"
+    fed = [f"G1 X-10{out} Y0.{zero} F1000" for out in (f"0.{zero}", f"1.{half}")]
+    return fed[0], *(f"{arc}{turn} F1000" for turn in turns), fed[1]
+
+
 G_STATES = ("G17", "G21", "G40", "G80", "G90", "G49", "datum")
 
 DIALECTS: dict[str, Dialect] = {
     "iso": Dialect(
         decimals=4, suffix=".nc", top="G91 G28 Z0.", calls=("G21 G17 G90 G94 G40 G80", "G69", "G54"), moves_alone=("G49",),
         screen=r"#3006=1\(([^)]{5,26})\)", orient=r"TURN SPINDLE TO (\d+)",
-        circle=(IN, f"{TURN} F1000", f"{TURN} F1000", OUT), spoiled=("G2 X", "G3 X", ""),
+        circle=_turns(4, "", ""), spoiled=("G2 X", "G3 X", ""),
         needed=G_STATES, message=r"#3006\s*=\s*1\s*\((?P<text>.*?)\)", stops=True,
         reads_comment=True,
     ),
@@ -67,7 +72,7 @@ DIALECTS: dict[str, Dialect] = {
         decimals=4, suffix=".mpf", top="SUPA G0 Z-3.0000 D0",
         calls=("TRAFOOF", "TOROTOF", "PAROTOF", "G710 G17 G90 G94 G40 G500 D0", "TRANS", "G54"),
         screen=r'MSG\("([^"]+)"\)\nM0\nMSG\(\)', orient=r"SPOS=(\d+)",
-        circle=(IN, f"{TURN} TURN=1 F1000", OUT), spoiled=("TURN=1", "TURN=2", "turns by"),
+        circle=_turns(4, " TURN=1"), spoiled=("TURN=1", "TURN=2", "turns by"),
         needed=("G17", ("G71", "G710"), "G40", "G90", ("D0", "D1"), "datum"), turning=("TRAFOOF",),
         comment=";", dwell="F", datum=r"5[4-7]|50[5-9]|5[1-9]\d", machine=("53", "153", "SUPA"), turns=("TURN", 0.0),
         centre=("TRAORI", "TRAFOOF"), frame_of_start=False,
@@ -86,7 +91,7 @@ DIALECTS: dict[str, Dialect] = {
     "linuxcnc": Dialect(
         decimals=5, suffix=".ngc", top="G53 G0 Z-3.00000", calls=("G21 G17 G90 G94 G40 G49 G80 G92.1", "G54", "G49"),
         screen=r"\(MSG, ([^)]+)\)\nM0", orient=r"M19 R(\d+)",
-        circle=(FINE[IN], f"{FINE[TURN]} P2 F1000", FINE[OUT]), spoiled=(" P2 F", " P3 F", "turns by"),
+        circle=_turns(5, " P2"), spoiled=(" P2 F", " P3 F", "turns by"),
         needed=G_STATES, dwell="P", datum=r"5[4-9](\.[123])?", message=r"\(\s*MSG\s*,\s*(?P<text>[^)]*)\)",
     ),
 }  # fmt: skip
