@@ -200,6 +200,36 @@ def test_a_clockwise_file_is_not_taken_for_a_counter_clockwise_run(tmp_path: Pat
     assert not (tmp_path / "out").exists()
 
 
+def test_the_file_of_another_plane_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    """Arcs of 220° in YZ and ZX begin 90° apart."""
+    size = {"radius": RADIUS, "feed": FEED, "centre": CENTRE, "sweep_deg": 220.0}
+    yz = planar_circle(MACHINE, plane="YZ", start_deg=-20.0, **size)[0]
+    zx = planar_circle(MACHINE, plane="ZX", start_deg=-110.0, **size)[0]
+    write_campaign(campaign_of(MACHINE, [yz, zx]), tmp_path / "plan")
+    files = []
+    for i, first in enumerate((-110.0, -20.0)):  # in the wrong order
+        files.append(str(tmp_path / f"export{i}.txt"))
+        Path(files[-1]).write_text("".join(f"{first + 0.5 * k},{np.sin(k):.2f}\n" for k in range(441)))
+    words = ["import-polar", str(tmp_path / "plan"), "-o", str(tmp_path / "out"), "-q"]
+    assert main([*words, *files]) == 2
+    assert f"export0.txt: the angle -90.0° lies 68.0° beyond run {yz.id} of the plan" in capsys.readouterr().err
+    assert main([*words, *files[::-1]]) == 0
+    assert [run.id for run in read_campaign(tmp_path / "out").runs] == [yz.id, zx.id]
+
+
+def test_what_stays_mounted_in_the_plan_stays_mounted(tmp_path: Path):
+    runs = tuple(replace(run, mounting={"tool_ball": "1", "length": "1"}) for run in _circles().runs)
+    plan = simulate(replace(_circles(), runs=runs), seed=4).campaign
+    write_campaign(plan, tmp_path / "plan")
+    for run in plan.runs:
+        text = "".join(f"{a},{d}\n" for a, d in zip(*_polar(run), strict=True))
+        (tmp_path / f"{run.id}.csv").write_text(text)
+    files = [str(tmp_path / f"{run.id}.csv") for run in plan.runs]
+    assert main(["import-polar", str(tmp_path / "plan"), *files, "-o", str(tmp_path / "out"), "-q"]) == 0
+    for run in read_campaign(tmp_path / "out").runs:
+        assert dict(run.mounting) == {"tool_ball": "1", "length": "1"}
+
+
 def test_lengths_of_the_bar_are_not_taken_for_deviations(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     path = tmp_path / "ccw.csv"
     path.write_text("angle,radius\n" + "".join(f"{a},{RADIUS + 7e-3 * np.sin(np.radians(a)):.6f}\n" for a in ANGLES))

@@ -72,7 +72,7 @@ def import_polar(
     """
 
     from symfive.campaign import write_campaign_files
-    from symfive.importers import FITTED, along_run, polar_doubts, polar_run, read_polar
+    from symfive.importers import FITTED, along_run, check_arc, polar_doubts, polar_run, read_polar
     from symfive.procedures import campaign_of
 
     with output_folder(output, overwrite=overwrite, recorded=True) as folder:
@@ -84,16 +84,19 @@ def import_polar(
         data, circles = _circles(machine, files)
         names = [name.strip() for name in columns.split(",")]
         planned = [circle.pop("direction", None) for circle in circles]
+        arcs = [circle.pop("arc", None) for circle in circles]
         senses: list[str | None] = list(direction) or planned
         if len(senses) != len(files):
             problem = f"{len(files)} files have {len(senses)} directions"
             raise InputError(problem, remedy="give --direction ccw or cw once per file, in their order")
         runs, angles = [], []
-        for path, sense, circle in zip(files, senses, circles, strict=True):
+        for path, sense, arc, circle in zip(files, senses, arcs, circles, strict=True):
             angle, deviation = read_polar(path, unit=unit, columns=names, direction=sense if direction else None)
-            if not direction:
-                with inside(path=path):
+            with inside(path=path):
+                if not direction:
                     angle, deviation = along_run(angle, deviation, sense, circle["id"])
+                if arc is not None:
+                    check_arc(angle, arc, circle["id"])
             angles.append(angle)
             circle = {"centre": (0.0, 0.0, 0.0), "noise_um": 0.3, **circle, **given}
             if "radius" not in circle or "feed" not in circle:

@@ -45,6 +45,8 @@ DIRECTIONS = ("ccw", "cw")
 MM_IN = 25.4
 SHORT_DEG = 20.0
 """So short an arc is no circular test: one turn in radians is 6.28."""
+STRAY_DEG = 10.0
+"""No angle lies so far beyond the planned arc: run-up, lag and the software's start are a few degrees."""
 SLOW_MIN = 60.0
 """A circle that takes longer has its feed in another unit."""
 FITTED = SetupSigma(table_ball=1000.0, tool_ball=20.0, length=1000.0)
@@ -121,6 +123,17 @@ def along_run(angle: Array, deviation: Array, direction: str | None, run: str) -
     return as_moved(angle, deviation, direction)
 
 
+def check_arc(angle: Array, arc: tuple[float, float], run: str) -> None:
+    """Raise `InputError` where angles (N,) lie beyond the `arc` of a planned run (first and last, degree): another run's file."""
+    first, last = arc
+    beyond = np.abs(np.remainder(angle - 0.5 * (first + last) + 180.0, 360.0) - 180.0) - 0.5 * (last - first)
+    if beyond.max() > STRAY_DEG:
+        stray = float(angle[np.argmax(beyond)])
+        planned = f"run {run} of the plan, {first:.1f}° to {last:.1f}°"
+        problem = f"the angle {stray:.1f}° lies {beyond.max():.1f}° beyond {planned} from the first axis of its plane"
+        raise InputError(problem, remedy="give the files in the order of the plan's runs, or name each as its run")
+
+
 def _row(line: str, count: int, marks: Mapping[str, Marks], number: int) -> list[float] | InputError | None:
     """The `count` numbers of a line; what is wrong with one of them; None where it holds anything else."""
     for sign in signs_of(line):
@@ -156,42 +169,51 @@ def _refuse_other_columns(path: Path, lines: Sequence[str], columns: Sequence[st
 
 
 def as_planned(machine: Machine, run: Run) -> dict[str, Any]:
-    """What `read_polar` and `polar_run` take of a planned circle: direction, centre, radius, feed, plane, rotary axes, tool ball,
-    noise and set-up.
+    """What `read_polar`, `check_arc` and `polar_run` take of a planned circle: direction, arc, centre, radius, feed, plane,
+    rotary axes, tool ball, noise, set-up and mounting.
 
     Raises `InputError` where the run is no circle of the linear axes about its ball.
     """
     moving = {name for name, q in run.commands.items() if np.ptp(q) > MOVES_MM}
     plane = next((plane for plane in PLANES if set(plane) == moving), None)
-    way = Nominal(machine).ball(run.commands, run.tool_ball) - np.asarray(run.table_ball)
+    nominal = Nominal(machine)
+    way = nominal.ball(run.commands, run.tool_ball) - np.asarray(run.table_ball)
     if plane is None or run.length is None or not run.dynamic or np.ptp(np.linalg.norm(way, axis=1)) > ROUND_MM:
         problem = f"run {run.id} is no circle of X, Y and Z about its ball"
         raise InputError(problem, remedy="import such a run with symfive import")
     speed = np.linalg.norm(np.diff(way, axis=0), axis=1) / np.diff(run.time)
     a, b = (run.commands[name] - np.mean(run.commands[name]) for name in plane)
     rising = float(np.sum(a[:-1] * np.diff(b) - b[:-1] * np.diff(a))) > 0.0
+    hold = {name: float(q[0]) for name, q in run.commands.items() if machine.axes[name].rotary}
+    phi = np.degrees(np.unwrap(np.arctan2(*(way @ along for along in _in_plane(nominal, plane, hold)[::-1]))))
     return {
-        "direction": DIRECTIONS[0 if rising else 1],
+        "direction": DIRECTIONS[0 if rising else 1], "arc": (float(phi.min()), float(phi.max())),
         "centre": run.table_ball, "radius": run.length, "feed": float(f"{60.0 * np.median(speed):.5g}"), "plane": plane,
-        "hold": {name: float(q[0]) for name, q in run.commands.items() if machine.axes[name].rotary}, "id": run.id,
-        "tool_ball": run.tool_ball, "noise_um": run.noise("ball_bar"), "setup_sigma_um": run.setup_sigma_um,
+        "hold": hold, "id": run.id, "tool_ball": run.tool_ball, "noise_um": run.noise("ball_bar"),
+        "setup_sigma_um": run.setup_sigma_um, "mounting": run.mounting,
     }  # fmt: skip
+
+
+def _in_plane(nominal: Nominal, plane: str, hold: Mapping[str, float]) -> tuple[Array, Array]:
+    """First and second axis of the plane, seen from the workpiece with the rotary axes at `hold`."""
+    first, second = (nominal.seen_from_workpiece(nominal.commands(hold, 1), np.eye(3)[i])[0] for i in PLANES[plane])
+    return first, second
 
 
 def polar_run(
     machine: Machine, angle_deg: Sequence[float] | Array, deviation_um: Sequence[float] | Array, *,
     centre: Sequence[float], radius: float, feed: float, id: str = "circle", plane: str = "XY",
     hold: Mapping[str, float] | None = None, tool_ball: Sequence[float] | None = None, noise_um: float = 0.3,
-    setup_sigma_um: SetupSigma | None = None, angle_error: float = ANGLE_ERROR,
+    setup_sigma_um: SetupSigma | None = None, mounting: Mapping[str, str] | None = None, angle_error: float = ANGLE_ERROR,
 ) -> Run:  # fmt: skip
     """A dynamic ball-bar run from its polar form.
 
     `angle_deg` (N,) degree in the `plane` (`XY`, `YZ`, `ZX`) from its first axis, rising for a circle seen counter-clockwise
     and falling for a clockwise one, in even steps; a jump by 360° is no jump. `deviation_um` (N,) µm of the distance from
     `radius` mm; `centre` mm of the table ball in the workpiece frame; `feed` mm/min along the path; `hold` positions of rotary
-    axes, `tool_ball` mm in the tool frame. Readings within `angle_error` degree of where an axis reverses are left out (at
-    least the one at the reversal and its neighbours, if the error is above 0). Raises `InputError` where the angles are not a
-    steady motion or an axis cannot follow.
+    axes, `tool_ball` mm in the tool frame; `mounting` what stayed mounted, as in a run. Readings within
+    `angle_error` degree of where an axis reverses are left out (at least the one at the reversal and its neighbours, if the error
+    is above 0). Raises `InputError` where the angles are not a steady motion or an axis cannot follow.
     """
     among(plane, PLANES, f'plane "{plane}" is unknown')
     if not (radius > 0.0 and feed > 0.0):
@@ -205,7 +227,7 @@ def polar_run(
         raise InputError(problem, remedy=f"subtract the radius, {radius:g} mm")
     phi = _steady(angle)
     nominal, ball = Nominal(machine), tool_ball_of(machine, tool_ball)
-    u, v = (nominal.seen_from_workpiece(nominal.commands(hold or {}, 1), np.eye(3)[i])[0] for i in PLANES[plane])
+    u, v = _in_plane(nominal, plane, hold or {})
     time = np.abs(phi - phi[0]) * radius / (feed / 60.0)
     ahead = phi + np.sign(phi[-1] - phi[0]) * _lag(machine, plane) * feed / 60.0 / radius
     target = np.asarray(centre, dtype=float) + radius * (np.outer(np.cos(ahead), u) + np.outer(np.sin(ahead), v))
@@ -214,7 +236,7 @@ def polar_run(
         id=id, instrument=("ball_bar",), sampling="dynamic", time=time,
         commands=nominal.follow(target, ball, hold or {}, f"circle {id}"), readings={"dL_um": deviation}, table_ball=(x, y, z),
         tool_ball=ball, length=radius, noise_um=noise_um, options={"start": "moving", "between": "curve"},
-        setup_sigma_um=setup_sigma_um or SetupSigma(table_ball=20.0, tool_ball=20.0, length=0.5),
+        setup_sigma_um=setup_sigma_um or SetupSigma(table_ball=20.0, tool_ball=20.0, length=0.5), mounting=mounting or {},
         clock_sigma_ms=_clock_sigma_ms(machine, plane, 0.5 * float(np.radians(angle_error)) * radius / (feed / 60.0)),
     )  # fmt: skip
     run = within_travel(machine, run, place="the centre, the radius or the tool's length in the machine file")
