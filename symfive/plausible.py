@@ -17,6 +17,8 @@ from symfive.runs import FIRST_LINE, Campaign, Run
 TINY, SLIP = 0.1, 10.0
 """Readings that scatter by less than this part of their noise; an axis faster than its max_feed by this factor (slips of
 units are 57, 60 and 1000)."""
+FAR_SIGMAS = 3.0
+"""A sphere this far from where the file has it, in 1σ of set-up and machine together, stands elsewhere."""
 ROUNDING = 1e-6
 MOST_ROWS = 100_000
 """Of a longer run only the first rows are looked at."""
@@ -27,7 +29,7 @@ def doubts(campaign: Campaign) -> tuple[str, ...]:
 
     A prior 1σ smaller than the noise (mm or rad instead of µm or µrad?); an axis commanded faster than it can go; a ball or
     nest beside the table; a ball bar or an R-test that would be beyond its stroke on the machine as the file has it; readings
-    beyond that stroke, or that hardly change (a wrong unit).
+    beyond that stroke, or that hardly change (a wrong unit); a sphere that was found elsewhere.
     """
     return (*_small_priors(campaign), *(said for run in _begun(campaign) for said in _of_run(campaign.machine, run)))
 
@@ -165,6 +167,8 @@ def _of_run(machine: Machine, run: Run) -> Iterator[str]:
     if (instrument := ball_instrument(run)) is not None:
         yield from _beside_the_table(machine, run)
         yield from _of_stroke(machine, run, instrument)
+    if run.measured and "touch_probe" in run.instrument:
+        yield from _found_elsewhere(machine, run)
 
 
 def _beside_the_table(machine: Machine, run: Run) -> Iterator[str]:
@@ -180,6 +184,24 @@ def _beside_the_table(machine: Machine, run: Run) -> Iterator[str]:
         yield (
             f"run {run.id}: table_ball is {plain_number(away)} mm from the centre of the table {place}, beyond "
             f"table_radius = {plain_number(radius)} mm; check table_ball and {by}"
+        )
+
+
+def _found_elsewhere(machine: Machine, run: Run) -> Iterator[str]:
+    """Where the machine as the file has it finds the sphere, if neither its errors nor the set-up reach so far."""
+    found = {
+        name: q + 1e-3 * run.readings[f"{name}_dev_um"] if name in machine.linear_axes else q
+        for name, q in run.commands.items()
+    }
+    place = designed_ball(machine, found, run.tool_ball).mean(axis=0)
+    away, lever = 1e3 * (place - run.table_ball), 1e-3 * math.hypot(*run.table_ball)
+    sigma = run.setup_sigma_um
+    errors = (term.sigma * (lever if term.angular else 1.0) for term in machine.errors.values())
+    if np.abs(away).max() > FAR_SIGMAS * math.hypot(sigma.table_ball, max(sigma.tool), *errors):
+        where = ", ".join(f"{coordinate:.3f}" for coordinate in place)
+        yield (
+            f"run {run.id}: by the readings the sphere stands at ({where}) mm, {plain_number(1e-3 * math.hypot(*away))} mm from "
+            f"table_ball, whose 1σ is {plain_number(sigma.table_ball)} µm; correct table_ball, or its 1σ in setup_sigma_um"
         )
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from symfive.campaign import Campaign, read_campaign, write_campaign
+from symfive.campaign import Campaign, Run, read_campaign, write_campaign
 from symfive.check import check
 from symfive.diagnose import diagnose
 from symfive.errors import InputError
@@ -156,3 +156,27 @@ def test_heights_and_tools_out_of_reach_are_said_of_the_machine(tmp_path):
         "ball_height = 900 mm with a tool of 100 mm over the table's centre needs Z at 1000 mm, its travel ends at 450 mm"
     )
     assert all(beyond_travel(preset(name)) == () for name in presets())
+
+
+def test_a_sphere_that_stands_elsewhere_is_placed():
+    """The readings say where it stands; within what set-up and machine are known to, nothing is said."""
+    machine = preset("table-bc")
+    tilts = np.array([[0.0, 0.0], [40.0, 0.0], [-40.0, 90.0], [0.0, 180.0]])
+    place, tool = np.array([100.0, 30.0, 120.0]), (0.0, 0.0, -150.0)
+    held = {"B": tilts[:, 0], "C": tilts[:, 1]}
+    planned = Nominal(machine).follow(np.tile(place, (4, 1)), tool, held, "sphere")
+
+    def probed(*off_mm: float) -> Campaign:
+        found = Nominal(machine).follow(np.tile(place + off_mm, (4, 1)), tool, held, "sphere")
+        readings = {f"{name}_dev_um": 1e3 * (found[name] - planned[name]) for name in "XYZ"}
+        run = Run(
+            id="sphere-1", instrument=("touch_probe",), sampling="static", time=np.arange(4.0), commands=planned,
+            readings=readings, table_ball=(100.0, 30.0, 120.0), tool_ball=tool, noise_um=1.0,
+        )  # fmt: skip
+        return Campaign(machine=machine, runs=(run,))
+
+    assert doubts(probed(0.1, 0.0, -0.1)) == ()
+    (said,) = doubts(probed(0.6, -0.4, 0.3))
+    assert said.startswith(
+        "run sphere-1: by the readings the sphere stands at (100.600, 29.600, 120.300) mm, 0.781 mm from"
+    )
