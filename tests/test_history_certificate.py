@@ -52,6 +52,11 @@ def test_the_certificate_is_valid(visit, schema, office):
         checker.validate(ET.ElementTree(ET.fromstring(certificate(one, office))))
 
 
+def test_the_certificate_says_what_its_uncertainty_leaves_out(visit):
+    said = " ".join(element.text or "" for element in ET.fromstring(certificate(visit, FULL)).iter())
+    assert "Calibration of the instrument, drift and remounting are not included" in said
+
+
 WRONG = [
     ("<dcc:countryCodeISO3166_1>DE", "<dcc:countryCodeISO3166_1>Germany"),
     ('schemaVersion="3.3.0"', 'schemaVersion="2.0"'),

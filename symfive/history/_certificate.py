@@ -99,8 +99,10 @@ def _statements(visit: Visit, office: Office) -> dict[str, str]:
     if unsure:
         said["Not determined"] = f"The measurement does not determine {', '.join(unsure)}; they have no value here."
     said["Uncertainty"] = (
-        "Expanded uncertainties are twice the standard uncertainty (k = 2) of a normal distribution. The values are "
-        "correlated; their covariance is in the model whose hash is given."
+        "Expanded uncertainties are twice the standard uncertainty (k = 2) of a normal distribution. They are those of the fit: "
+        "noise of the readings, the priors, and the standard uncertainties that the campaign states for the set-up (position of "
+        "balls or sphere, length of the bar). Calibration of the instrument, drift and remounting are not included. The values "
+        "are correlated; their covariance is in the model whose hash is given."
     )
     said["Convention"] = "Errors by ISO 230-1, deviations from the nominal machine of the model."
     return said
