@@ -85,8 +85,19 @@ def test_the_isg_table_says_what_is_within_its_uncertainty(tmp_path) -> None:
     names, _, said = table.read_text().splitlines()[2:5]
     spread = dict(zip(names.split(), map(float, said.split(": ")[1].split()), strict=True))
     assert spread["X0C"] == 2e-3 and spread["A0C"] == 2e-6  # twice 1 µm and 1 µrad
-    (within,) = (line for line in note.read_text().splitlines() if "not to be entered" in line)
+    (within,) = (line for line in note.read_text().splitlines() if "Within their uncertainty" in line)
     assert "EX0C" in within and "EA0C" not in within
+
+
+def test_every_pin_of_linuxcnc_has_its_uncertainty(tmp_path) -> None:
+    files = codegen(fitted(preset("table-bc"), {"EX0C": 1.5, "EA0C": 40.0}), tmp_path / "fitted", target="linuxcnc")
+    lines = next(path for path in files if path.suffix == ".hal").read_text().splitlines()
+    said = {line.split()[1]: lines[i - 1] for i, line in enumerate(lines) if line.startswith("setp")}
+    assert said["sfkins.EX0C"] == "# U (k = 2) 2 um: within uncertainty"
+    assert said["sfkins.EA0C"] == "# U (k = 2) 2 urad"
+    files = codegen(preset("table-bc"), tmp_path / "nominal", target="linuxcnc")
+    text = next(path for path in files if path.suffix == ".hal").read_text()
+    assert "U (k = 2)" not in text  # nothing was measured
 
 
 def test_the_isg_table_says_what_it_cannot_hold(tmp_path) -> None:

@@ -140,7 +140,8 @@ def _note(machine: Machine, left_out: tuple[str, ...], within: list[str]) -> str
         "positive command moves the tool relative to the workpiece (ISO 841). For the workpiece axes the control may count the",
         "other way: set `workpiece_axes` and `negate` in its list so that one known error moves the tool the right way, and",
         "check that with a dial gauge for one axis of each side.", "",
-        *([f"Smaller than their uncertainty U (k = 2), not to be entered: {', '.join(within)}", ""] if within else []),
+        *([f"Within their uncertainty U (k = 2), and in the table; write 0 to leave one out: {', '.join(within)}", ""]
+          if within else []),
         "Not in the file:", *(f"  {entry}" for entry in left_out or ("nothing was left out",)),
     ]  # fmt: skip
     return "\n".join(lines) + "\n"

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 
+import numpy as np
+
 from symfive.codegen._sources import Sources, filled
 from symfive.codegen._subject import Subject
 from symfive.compiled.scalar import number
@@ -26,8 +28,15 @@ def linuxcnc_files(subject: Subject, prefix: str) -> dict[str, str]:
         f"# net tool-length motion.tooloffset.z => {prefix}kins.tool-offset",
         "# net kinematics motion.analog-out-03 => motion.switchkins-type",
         "# M68 E3 Q0: words are the tool centre point; M68 E3 Q1: the axes' positions; M66 E0 L0 after each.",
-        *(f"setp {prefix}kins.{pin} {number(v)}" for pin, v in zip(pins, subject.values, strict=True)),
     ]
+    spread = () if subject.covariance is None else subject.expanded(np.eye(len(pins)))
+    if len(spread):
+        hal.append("# U is the expanded uncertainty (k = 2), from the fit alone; a value within it may as well be 0.")
+    for i, (pin, value) in enumerate(zip(pins, subject.values, strict=True)):
+        if len(spread):
+            within = ": within uncertainty" if abs(value) < spread[i] else ""
+            hal.append(f"# U (k = 2) {float(f'{spread[i]:.2g}'):g} {subject.parameters[i].unit}{within}")
+        hal.append(f"setp {prefix}kins.{pin} {number(value)}")
     return {
         f"{prefix}.h": sources.header(),
         f"{prefix}.c": sources.source(),
