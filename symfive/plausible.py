@@ -166,9 +166,10 @@ def _of_run(machine: Machine, run: Run) -> Iterator[str]:
         yield "; ".join(said)
     if (instrument := ball_instrument(run)) is not None:
         yield from _beside_the_table(machine, run)
-        yield from _of_stroke(machine, run, instrument)
-    if run.measured and "touch_probe" in run.instrument:
-        yield from _found_elsewhere(machine, run)
+        found = list(_of_stroke(machine, run, instrument))
+        yield from found
+        if not found and run.measured and "touch_probe" in run.instrument:
+            yield from _found_elsewhere(machine, run)
 
 
 def _beside_the_table(machine: Machine, run: Run) -> Iterator[str]:
