@@ -144,6 +144,10 @@ def test_a_text_file_with_a_head_and_decimal_commas(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"3 columns, 5 are named") as caught:
         read_recording(path, ["t", "dx_um", "dy_um", "-", "dz_um"])
     assert caught.value.line == 31
+    path.write_text("\n".join([*lines[:30], lines[29]]), encoding="utf-8")
+    with pytest.raises(InputError, match="the time does not increase") as caught:
+        read_recording(path, ["t", "dx_um", "dy_um", "-", "dz_um"])
+    assert caught.value.line == 31
 
 
 def test_columns_in_another_order_than_the_head_says_are_refused(tmp_path: Path) -> None:
@@ -175,7 +179,7 @@ def test_the_verb_says_what_it_did_not_find(tmp_path: Path, capsys: pytest.Captu
     for wrong, says in (
         (["--run", "no"], "the plan has no run no"),
         (["--columns", "dx_um,dy_um"], "do not name t"),
-        (["--run", RUN.id, "--run", "b"], "1 files for 2 runs"),
+        (["--run", RUN.id, "--run", "b"], "1 file for 2 runs"),
     ):
         assert main([*call[:-1], str(tmp_path / "n"), *wrong]) == 2
         assert says in capsys.readouterr().err and not (tmp_path / "n").exists()

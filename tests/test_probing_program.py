@@ -331,6 +331,8 @@ def test_a_log_that_ends_early_gives_the_poses_before(tmp_path):
     (tmp_path / "log.txt").write_text("\n".join(log_of(run, range(3))[:12]))
     probed = probed_run(run, read_touches(tmp_path / "log.txt"))
     assert probed.run.rows == 2 and "the log ends before pose 3 of 3" in str(probed)
+    (tmp_path / "log.txt").write_text("\n".join([*log_of(run, range(3))[:12], "R2 T2 X-21."]))  # broken within a line
+    assert probed_run(run, read_touches(tmp_path / "log.txt")).run.rows == 2
 
 
 def changed(line: str) -> str:
@@ -343,6 +345,7 @@ def changed(line: str) -> str:
         (lambda lines: ["0,0,1,2"], "line 1.*is not a touch"),
         (lambda lines: ["0,0,1,2,nan"], "line 1.*is not a touch"),
         (lambda lines: ["%"], "has no touches"),
+        (lambda lines: [*lines[:6], "R1 T1 X-21.", *lines[7:]], "line 7.*is not a touch"),
         (lambda lines: lines[:3], "the log has 0 whole poses"),
         (lambda lines: lines[:4] + lines[5:], "pose 1 of run sphere-1 has 4 touches in the log, 5 are planned"),
         (lambda lines: lines[5:], "pose 1 of run sphere-1 has 0 touches"),

@@ -11,6 +11,7 @@ import click
 from symfive.cli import _common as cli
 from symfive.errors import InputError, among, inside
 from symfive.outputs import output_file, output_folder
+from symfive.screen import plural
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -216,7 +217,7 @@ def _of_the_plan(plan: Campaign, path: Path, files: Sequence[Path], names: Seque
     runs = {run.id: run for run in plan.runs}
     wanted = names or tuple(run.id for run in plan.runs if not run.dynamic)[: len(files)]
     if len(wanted) != len(files) or len(set(wanted)) < len(wanted):
-        problem = f"{len(files)} files for {len(wanted)} runs ({', '.join(wanted) or 'none'})"
+        problem = f"{plural(len(files), 'file')} for {plural(len(wanted), 'run')} ({', '.join(wanted) or 'none'})"
         raise InputError(problem, remedy="give one file a run, or --run once per file, in their order")
     for name in wanted:
         among(name, runs, f"the plan has no run {name}", path=path)

@@ -153,9 +153,12 @@ def shown_meanings(table: Table, found: Sequence[Meaning]) -> str:
 
 
 def taken(table: Table, found: Sequence[Meaning], machine: Machine, axis: str = "") -> Mapping[str, Array]:
-    """Name → (N, n) of its columns, in mm, degree, s, N or Nm; `axis` is that of a positioning test."""
+    """Name → (N, n) of its columns, in mm, degree, s, N or Nm; `axis` is that of a positioning test.
+
+    Raises `InputError` where the time does not increase.
+    """
     names = dict.fromkeys(m.name for m in found)
-    return {
+    columns = {
         name: np.stack(
             [
                 table.numbers[:, m.column] * SCALES[_quantity(name, machine, axis)][m.unit]
@@ -166,3 +169,10 @@ def taken(table: Table, found: Sequence[Meaning], machine: Machine, axis: str = 
         )
         for name in names
     }
+    at = columns["time"][:, 0] if "time" in columns else np.zeros(0)
+    if len(back := np.flatnonzero(np.diff(at) <= 0.0)):
+        row = int(back[0])
+        problem = f"the time does not increase: {at[row + 1]:.10g} s after {at[row]:.10g} s"
+        remedy = "put the rows in order of time, each instant once; import one recording per file"
+        raise InputError(problem, path=table.path, line=table.lines[row + 1], remedy=remedy)
+    return columns

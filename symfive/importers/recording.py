@@ -70,16 +70,8 @@ class Setting:
 def runs_of(machine: Machine, columns: Columns, setting: Setting, id: str) -> list[Run]:
     """The runs that a table's columns (name → (N, n) in mm, degree, s, N, Nm) make: one, or one per direction of a circle.
 
-    Raises `InputError` naming what is missing, and where the time does not increase.
+    Raises `InputError` naming what is missing.
     """
-    at = _one(columns, "time") if "time" in columns else np.zeros(0)
-    if len(back := np.flatnonzero(np.diff(at) <= 0.0)):
-        problem = (
-            f"the time does not increase at reading {back[0] + 2}: {at[back[0] + 1]:.10g} s after {at[back[0]]:.10g} s"
-        )
-        raise InputError(
-            problem, remedy="put the rows in order of time, each instant once; import one recording per file"
-        )
     if "angle" in columns:
         return _circles(machine, columns, setting, id)
     if "target" in columns:

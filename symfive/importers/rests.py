@@ -115,6 +115,7 @@ def read_recording(
             problem, remedy="write --columns t,dx_um,dy_um,dz_um in the order of the file, - for any other"
         )
     rows: list[list[float]] = []
+    lines: list[int] = []
     marks: Marks | None = None
     sign = head = ""
     with inside(path=path):
@@ -132,6 +133,7 @@ def read_recording(
             if len(cells) != len(columns):
                 problem = f"{len(cells)} columns, {len(columns)} are named: {shown(line.strip())}"
                 raise InputError(problem, line=number, remedy="name all columns of the file, - for what is not needed")
+            lines.append(number)
             rows.append(
                 [0.0 if name == "-" else marks.number(c, number, name) for name, c in zip(columns, cells, strict=True)]
             )
@@ -150,9 +152,10 @@ def read_recording(
         if name not in ("t", "-")
     }
     time = table[list(columns).index("t")]
-    if not np.all(np.diff(time) > 0.0):
-        row = int(np.argmin(np.diff(time) > 0.0)) + 2
-        raise InputError(f"the time does not increase at reading {row}", path=path, remedy="record one run at a time")
+    if len(back := np.flatnonzero(np.diff(time) <= 0.0)):
+        row = int(back[0])
+        problem = f"the time does not increase: {time[row + 1]:.10g} s after {time[row]:.10g} s"
+        raise InputError(problem, path=path, line=lines[row + 1], remedy="record one run at a time")
     return time, found
 
 

@@ -37,13 +37,15 @@ _SPELT = {
 
 @dataclass(frozen=True)
 class Table:
-    """`numbers` (N, k) below a head; `names` and `units` (k,) as the head has them, "" where it has none; `guessed` what was
-    taken for granted, in words. `texts` column → the error of its first cell that is no number (NaN in `numbers`)."""
+    """`numbers` (N, k) below a head, each row on its line of `lines` (N,); `names` and `units` (k,) as the head has them, ""
+    where it has none; `guessed` what was taken for granted, in words. `texts` column → the error of its first cell that is no
+    number (NaN in `numbers`)."""
 
     path: Path
     names: tuple[str, ...]
     units: tuple[str, ...]
     numbers: Array
+    lines: tuple[int, ...]
     guessed: str
     texts: Mapping[int, InputError] = field(default_factory=dict)
 
@@ -67,7 +69,7 @@ def read_table(path: Path | str) -> Table:
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     sign, first = _begin(path, lines)
     count = len(_cells(lines[first], sign))
-    marks, rows, texts = Marks(sign), list[list[float]](), dict[int, InputError]()
+    marks, rows, numbers, texts = Marks(sign), list[list[float]](), list[int](), dict[int, InputError]()
     with inside(path=path):
         for number, line in enumerate(lines[first:], start=first + 1):
             if not line.strip():
@@ -79,6 +81,7 @@ def read_table(path: Path | str) -> Table:
                 problem = f"the row has {len(cells)} cells, the first one has {count}"
                 raise InputError(problem, line=number, remedy="remove what is no row of the table")
             rows.append([])
+            numbers.append(number)
             for column, cell in enumerate(cells):
                 try:
                     rows[-1].append(_number(cell, marks, number))
@@ -90,7 +93,8 @@ def read_table(path: Path | str) -> Table:
     units = tuple("s" if instant else unit for instant, unit in zip(instants, units, strict=True))
     decimal = "comma" if sign != "," and any("," in line for line in lines[first : first + 50]) else "point"
     head = f"{first} lines of head" if first else "no head"
-    return Table(path, names, units, np.array(rows), f"{encoding}, {SIGNS[sign]}, decimal {decimal}, {head}", texts)
+    guessed = f"{encoding}, {SIGNS[sign]}, decimal {decimal}, {head}"
+    return Table(path, names, units, np.array(rows), tuple(numbers), guessed, texts)
 
 
 def _decoded(path: Path) -> tuple[str, str]:

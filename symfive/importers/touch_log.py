@@ -35,17 +35,21 @@ def read_touches(path: Path | str) -> dict[int, Array]:
     """Row of the run (from 0) → the X Y Z (mm) that the control stored at its touches (n, 3). Raises `InputError`.
 
     A line is `row,touch,X,Y,Z` (LinuxCNC) or `R0 T1 X12.345 Y-6.7 Z89`, with any blanks, decimal comma or point (the other
-    controls). A touch that was taken again (same row and number) counts once, as it was taken last.
+    controls). A touch that was taken again (same row and number) counts once, as it was taken last. A last line without its end
+    that is no touch was cut off where the log broke.
     """
     path = Path(path)
     found: dict[int, dict[int, list[float]]] = {}
-    for number, line in enumerate(read_text(path, at_most=MAX_BYTES).split("\n"), start=1):
+    lines = read_text(path, at_most=MAX_BYTES).split("\n")
+    for number, line in enumerate(lines, start=1):
         line = "".join(c for c in line if c.isprintable()).strip()
         if _BESIDE.fullmatch(line):
             continue
         try:
             row, touch, place = _touch(line)
         except ValueError:
+            if found and number == len(lines):
+                break
             problem = f"{shown(line)} is not a touch: row,touch,X,Y,Z or R0 T1 X12.3 Y4.5 Z6.7"
             remedy = "take the file that the probing program wrote, unchanged"
             raise InputError(problem, path=path, line=number, remedy=remedy) from None
