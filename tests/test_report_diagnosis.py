@@ -104,6 +104,13 @@ def written(found, tmp_path_factory) -> Path:
     return diagnosis_report(found, tmp_path_factory.mktemp("out") / "diagnosis")
 
 
+def test_a_rotation_is_about_its_axis_and_every_value_has_a_label(found, page_of):
+    after = identify(found.after.model.campaign, effects=(make_effect("location_error", component="EC0Y"),))
+    text = page_of(_finding(after, "location_error.EC0Y", "B", 0.2), after=after)
+    assert "about Z of the machine: (0.00, 0.00, 1.00)" in Page(text).words
+    assert re.search(r"<td[^>]*>component</td>.*<td[^>]*>value</td>", text, re.S)
+
+
 def test_the_page_says_all_that_the_diagnosis_holds(found, written):
     text = written.read_text()
     page = Page(text)
@@ -370,7 +377,7 @@ def test_coordinates_are_drawn_with_their_units(found, page_of, coordinate):
     words = Page(drawn.partition("</figure>")[0]).words.replace(" over one revolution", "")
     for label in COORDINATES[coordinate]:
         assert label.replace(" over one revolution", "") in words
-    assert ("B moving down" in words) == (coordinate == "B velocity sign")
+    assert ("B moving in −" in words) == (coordinate == "B velocity sign")
 
 
 def test_geometry_that_the_machine_file_leaves_free_is_said_without_a_fault() -> None:

@@ -60,7 +60,7 @@ def _parameters(finding: Finding) -> str:
         for name, quantity in parameters.items():
             if not quantity.aside:
                 part = f" (part {number})" if finding.further else ""
-                rows.append([effect.quantity_words(name, quantity.unit) + part, *_words(quantity.said)])
+                rows.append([(effect.quantity_words(name, quantity.unit) or name) + part, *_words(quantity.said)])
     for effect, parameters in finding.discrepancies:
         value, std, unit = _words(parameters["rms"])
         rows.append([f"discrepancy over {coordinate_words(effect.coordinate)}, rms", value, std, unit])
@@ -101,6 +101,8 @@ def _direction(finding: Finding, machine: Machine) -> str:
     best = max(range(3), key=lambda i: abs(finding.direction[i]))  # type: ignore[index]
     own = finding.axis in machine.axes and finding.effect.stage in ("drive", "axis")
     turning = own and machine.axes[str(finding.axis)].rotary
+    component = getattr(finding.effect, "component", None)
+    turning |= isinstance(component, str) and component[1] in "ABC"
     if abs(finding.direction[best]) <= _ALONG:
         return f"in the machine's frame: ({vector})"
     return f"{'about' if turning else 'along'} {'XYZ'[best]} of the machine: ({vector})"

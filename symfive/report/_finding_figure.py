@@ -283,8 +283,8 @@ def _legend(figure: Figure, axis: str | None, others: bool) -> None:
         words = "less the other findings" if others else "residual"
         handles.append(Line2D([], [], color=BLUE, label=words, **look))  # type: ignore[arg-type]
     else:
-        for (_, colour), words in zip(SENSES, ("up", "down"), strict=True):
-            handles.append(Line2D([], [], color=colour, label=f"{axis} moving {words}", **look))  # type: ignore[arg-type]
+        for (_, colour), words in zip(SENSES, "+−", strict=True):
+            handles.append(Line2D([], [], color=colour, label=f"{axis} moving in {words}", **look))  # type: ignore[arg-type]
     handles.append(Line2D([], [], color=INK, linewidth=1.5, label="the effect, less what geometry absorbed"))
     handles.append(Patch(color=FAINT, alpha=0.25, label="±2σ of the noise"))
     figure.legend(handles=handles, loc="outside upper left", ncols=len(handles))

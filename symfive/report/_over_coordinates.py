@@ -23,7 +23,7 @@ MOST_POINTS = 6000
 MOST_ROWS = 8
 BINS = 48
 LEAST_ROWS = 4
-SENSES = ((1, BLUE, "moving up"), (-1, ORANGE, "moving down"))
+SENSES = ((1, BLUE, "moving in +"), (-1, ORANGE, "moving in −"))
 
 
 @styled
