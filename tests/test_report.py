@@ -333,6 +333,10 @@ def test_verdict_is_honest(static, backlash):
     ):
         assert said in verdict(replace(static, **changed))
     assert verdict(replace(static, converged=False)).startswith("The fit did not converge")
+    left_out = replace(
+        static, outliers=(Outlier("nest1", 3, "dx_um", 80.0, 200.0),), rms={"um": 11.1}, rms_kept={"um": 0.06}
+    )
+    assert "residual RMS 0.06 µm (11.1 µm with the excluded outliers), χ²/dof" in verdict(left_out)
     assert re.search("EA0C .* orientation of axis C about X", identification_text(static))
 
 

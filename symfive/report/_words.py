@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from symfive.effects import amplitude_and_phase, length_spread
@@ -107,9 +107,9 @@ def verdict(identification: Identification) -> str:
 
 
 def _fit(identification: Identification) -> str:
-    known = [(unit, value) for unit, value in identification.rms.items() if unit != "mixed"]
-    rms = " and ".join(with_unit(value, unit) for unit, value in known)
-    left = f"residual RMS {rms}, " if rms else ""
+    rms = _sizes(identification.rms_kept)  # of the readings that χ² counts
+    every = f" ({_sizes(identification.rms)} with the excluded outliers)" if identification.outliers else ""
+    left = f"residual RMS {rms}{every}, " if rms else ""
     ratio = identification.chi2_dof
     much = f"χ²/dof {ratio:.3g} against the declared noise ({expected_ratio(identification.dof)})"
     return {
@@ -122,6 +122,10 @@ def _fit(identification: Identification) -> str:
               "an effect is missing from the model, or the noise is larger than declared; “symfive diagnose” tells which.",
         "unknown": "There are too few readings to judge the fit.",
     }[identification.fits]  # fmt: skip
+
+
+def _sizes(rms: Mapping[str, float]) -> str:
+    return " and ".join(with_unit(value, unit) for unit, value in rms.items() if unit != "mixed")
 
 
 def _noise(identification: Identification) -> list[str]:
