@@ -217,8 +217,13 @@ def _of_stroke(machine: Machine, run: Run, instrument: BallInstrument) -> Iterat
     readings = np.stack([run.readings[name] for name in columns], axis=1)
     largest = 1e-3 * float(np.max(np.abs(readings)))
     if largest > 2.0 * stroke:
-        sizes = f"{plain_number(largest)} mm are beyond the stroke of ±{plain_number(stroke)} mm"
-        yield f"run {run.id}: readings of up to {sizes}; they are in µm"
+        if instrument.probes:
+            place = "from where table_ball and tool_ball put them"
+            remedy = "check these, the order and units of the columns, and the direction of the rotary axes"
+            yield f"run {run.id}: the centres found are up to {plain_number(largest)} mm {place}; {remedy}"
+        else:
+            sizes = f"{plain_number(largest)} mm are beyond the stroke of ±{plain_number(stroke)} mm"
+            yield f"run {run.id}: readings of up to {sizes}; they are in µm"
     scatter, noise = float(np.std(readings - predicted)), run.noise(instrument.name)
     if len(readings) > 2 and scatter < TINY * noise:
         sizes = f"by {plain_number(scatter)} µm only, and noise_um is {plain_number(noise)}"

@@ -296,7 +296,7 @@ def recorded_run(machine: Machine, columns: Columns, setting: Setting, id: str) 
         axis = machine.axes[(named or machine.axis_names)[0]]
         remedy = (
             f"map the columns: --map {axis.name}=2:{axis.unit} --map dL=3:um, or angle and deviation of a circle, or target, up "
-            "and down of a positioning test"
+            "and down of a positioning test, or X_found, Y_found, Z_found and the rotary axes of a probe cycle"
         )
         if readings:
             remedy = f"map it: --map {axis.name}=2:{axis.unit}; of a test at a standstill give --hold {axis.name}=0"

@@ -18,6 +18,7 @@ import numpy as np
 from symfive.arrays import Array
 from symfive.errors import InputError, inside
 from symfive.files import one_line, read_bytes, shown
+from symfive.screen import plural
 from symfive.separated import SIGNS, Marks, are_numbers, cells_of, signs_of
 
 MAX_BYTES = 200_000_000
@@ -92,7 +93,7 @@ def read_table(path: Path | str) -> Table:
     instants = [bool(_INSTANT.fullmatch(cell)) for cell in _cells(lines[first], sign)]
     units = tuple("s" if instant else unit for instant, unit in zip(instants, units, strict=True))
     decimal = "comma" if sign != "," and any("," in line for line in lines[first : first + 50]) else "point"
-    head = f"{first} lines of head" if first else "no head"
+    head = f"{plural(first, 'line')} of head" if first else "no head"
     guessed = f"{encoding}, {SIGNS[sign]}, decimal {decimal}, {head}"
     return Table(path, names, units, np.array(rows), tuple(numbers), guessed, texts)
 

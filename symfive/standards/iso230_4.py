@@ -26,6 +26,7 @@ from symfive.campaign import Campaign, Run
 from symfive.circles import INSTRUMENTS, Circle, CircleFinder, grouped
 from symfive.instruments import columns_of, has_bar
 from symfive.numbers import plain_number
+from symfive.screen import plural
 from symfive.standards._value import COVERAGE, StandardValue, moved, place_of
 
 STANDARD = "ISO 230-4"
@@ -185,7 +186,7 @@ def _limits(circle: Circle, angle: Array) -> tuple[str, ...]:
     steps = np.diff(np.sort(angle))
     gaps = steps[steps > GAP * np.median(steps)]
     if len(gaps):
-        where = f"{len(gaps)} gaps without readings, the widest {np.degrees(gaps.max()):.2g}°"
+        where = f"{plural(len(gaps), 'gap')} without readings, the widest {np.degrees(gaps.max()):.2g}°"
         said.append(f"{where} (excluded near reversals?): peaks there do not count; import with --angle-error 0")
     if _length(circle.run) >= KNOWN_LENGTH_UM:
         said.append("the length of the bar is not calibrated: no F and no D")
