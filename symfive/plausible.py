@@ -19,6 +19,8 @@ TINY, SLIP = 0.1, 10.0
 units are 57, 60 and 1000)."""
 FAR_SIGMAS = 3.0
 """A sphere this far from where the file has it, in 1σ of set-up and machine together, stands elsewhere."""
+SOUGHT_MM = 10.0
+"""No program looks for a sphere so far from where it is expected."""
 ROUNDING = 1e-6
 MOST_ROWS = 100_000
 """Of a longer run only the first rows are looked at."""
@@ -36,7 +38,8 @@ def doubts(campaign: Campaign) -> tuple[str, ...]:
 
 def unreadable(campaign: Campaign) -> tuple[str, str] | None:
     """What no instrument can have read, and the remedy: a row at which, by the file's balls and commands, it would be two strokes
-    off, from one end of its range beyond the other wherever its zero lies; on a grid plate another path."""
+    off, from one end of its range beyond the other wherever its zero lies; a sphere where no program looks for it; on a grid plate
+    another path."""
     machine = campaign.machine
     for run in _begun(campaign):
         instrument = ball_instrument(run)
@@ -45,6 +48,8 @@ def unreadable(campaign: Campaign) -> tuple[str, str] | None:
             if 1e-3 * float(np.max(np.abs(away))) > 2.0 * stroke:
                 remedy = "no machine does that; or give the true stroke under [workspace] in the machine file"
                 return _beyond(run, instrument, away, stroke), remedy
+            if instrument.probes and (far := _largest(machine, run, instrument)) > SOUGHT_MM:
+                return _astray(run, far)
         if said := _another_path(machine, run):
             return said
     return None
@@ -123,6 +128,18 @@ def _away(machine: Machine, run: Run, instrument: BallInstrument) -> Array:
     """What the machine as the file has it would let the instrument read (N, columns), µm."""
     away = designed_ball(machine, run.commands, run.tool_ball) - np.array(run.table_ball)
     return np.asarray(1e3 * instrument.designed(run, away))
+
+
+def _largest(machine: Machine, run: Run, instrument: BallInstrument) -> float:
+    """The largest reading, mm."""
+    columns = [column.name for column in instrument.columns(run, machine)]
+    return 1e-3 * max(float(np.max(np.abs(run.readings[name]))) for name in columns)
+
+
+def _astray(run: Run, far: float) -> tuple[str, str]:
+    place = f"up to {plain_number(far)} mm from where table_ball and tool_ball put them"
+    remedy = "check these, the order and units of the columns, and the direction of the rotary axes"
+    return f"run {run.id}: the centres found are {place}", remedy
 
 
 def _beyond(run: Run, instrument: BallInstrument, away: Array, stroke: float) -> str:
@@ -215,12 +232,10 @@ def _of_stroke(machine: Machine, run: Run, instrument: BallInstrument) -> Iterat
         return
     columns = [column.name for column in instrument.columns(run, machine)]
     readings = np.stack([run.readings[name] for name in columns], axis=1)
-    largest = 1e-3 * float(np.max(np.abs(readings)))
+    largest = _largest(machine, run, instrument)
     if largest > 2.0 * stroke:
         if instrument.probes:
-            place = "from where table_ball and tool_ball put them"
-            remedy = "check these, the order and units of the columns, and the direction of the rotary axes"
-            yield f"run {run.id}: the centres found are up to {plain_number(largest)} mm {place}; {remedy}"
+            yield "; ".join(_astray(run, largest))
         else:
             sizes = f"{plain_number(largest)} mm are beyond the stroke of ±{plain_number(stroke)} mm"
             yield f"run {run.id}: readings of up to {sizes}; they are in µm"

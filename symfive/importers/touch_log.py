@@ -14,6 +14,7 @@ from symfive.campaign import Run
 from symfive.errors import InputError
 from symfive.files import read_text, shown
 from symfive.instruments import touches_of
+from symfive.plausible import SOUGHT_MM
 
 LEAST_TOUCHES = 4
 ROUNDS = 20
@@ -21,8 +22,6 @@ ENOUGH_MM = 1e-10
 MAX_BYTES = 20_000_000
 FAR_MM = 0.1
 """No touch lies so far off the sphere of all others: the pre-travel of a probe varies by some µm, dirt is some 10 µm thick."""
-SOUGHT_MM = 10.0
-"""No program looks for the sphere so far from where the plan has it."""
 
 _NUMBER = r"([-+]?\s*(?:\d+[.,]?\d*|[.,]\d+)(?:EX?[-+]?\d+)?)"
 _COMMAS = re.compile(r"(\d+),(\d+),([^,]+),([^,]+),([^,]+)")
