@@ -38,8 +38,8 @@ def doubts(campaign: Campaign) -> tuple[str, ...]:
 
 def unreadable(campaign: Campaign) -> tuple[str, str] | None:
     """What no instrument can have read, and the remedy: a row at which, by the file's balls and commands, it would be two strokes
-    off, from one end of its range beyond the other wherever its zero lies; a sphere where no program looks for it; on a grid plate
-    another path."""
+    off, from one end of its range beyond the other wherever its zero lies; a sphere where no program looks for it; on a grid
+    plate another path."""
     machine = campaign.machine
     for run in _begun(campaign):
         instrument = ball_instrument(run)
