@@ -131,7 +131,7 @@ class Change:
             noise, chance = "the usual scatter" if self.scatter_known else "noise", power_of_ten(self.chance)
             chance = chance if chance.startswith(("about", "below")) else f"of {chance}"
             lines = [f"{head}: changed (probability of this by {noise} alone: {chance})."]
-            lines += [f"  {cause_words(cause, self.second.machine)}" for cause in self.causes]
+            lines += [f"  {cause_words(cause, self.second.machine)}{_shares(cause)}" for cause in self.causes]
             lines += ["  The change of each error, whatever the cause:"]
         else:
             beyond = "the machine's usual scatter" if self.scatter_known else "the uncertainties"
@@ -145,15 +145,15 @@ class Change:
 
 
 def cause_words(cause: Cause, machine: MachineId) -> str:
-    """A cause in words, as `EX0C +2.1 ± 0.3 µm`, with those that cannot be distinguished from it."""
+    """A cause with its size; those that cannot be distinguished with `or`."""
     sign = "+" if cause.change >= 0.0 else ""
-    said = f"{machine.said(cause.names[0])} {sign}{with_std(cause.change, cause.std, cause.unit)}"
-    if len(cause.names) > 1:
-        shares = ", ".join(
-            f"{machine.said(n)} {100 * p:.0f} %" for n, p in zip(cause.names, cause.probabilities, strict=True)
-        )
-        said += f" (cannot be distinguished in these tests: {shares})"
-    return said
+    return f"{' or '.join(map(machine.said, cause.names[:3]))} {sign}{with_std(cause.change, cause.std, cause.unit)}"
+
+
+def _shares(cause: Cause) -> str:
+    """How probable each of several names is."""
+    shares = ", ".join(f"{100 * p:.0f} %" for p in cause.probabilities[:3])
+    return f" (these tests do not separate them: {shares})" if len(cause.names) > 1 else ""
 
 
 def change_between(first: Visit, second: Visit, scatter: Scatter | None = None) -> Change:

@@ -17,7 +17,7 @@ from symfive.history._index import FILE, Index
 from symfive.history._limits import RATE
 from symfive.history._page import fleet_page, machine_page
 from symfive.history._schema import put_damaged_aside
-from symfive.history._take import Details, is_result, taken
+from symfive.history._take import Details, is_result, no_results, taken
 from symfive.history._trend import Trend, trend_of
 from symfive.history._visit import Event, MachineId, Visit
 from symfive.history._watched import Watched
@@ -250,6 +250,5 @@ def _results(path: Path) -> list[Path]:
         return [folder]
     found = sorted(file.parent for file in folder.rglob("model.json")) if folder.is_dir() else []
     if not found:
-        remedy = "name the folder that symfive identify or diagnose wrote, or one that holds such folders"
-        raise InputError("there are no results", path=path, remedy=remedy)
+        raise no_results(path)
     return found

@@ -44,13 +44,18 @@ def is_result(folder: Path) -> bool:
     return (folder / "model.json").is_file()
 
 
+def no_results(path: Path) -> InputError:
+    """The error of a folder without results."""
+    remedy = "name the folder that symfive identify or diagnose wrote, or one that holds such folders"
+    return InputError("there are no results", path=path, remedy=remedy)
+
+
 def taken(folder: Path, details: Details) -> Visit:
     """The visit of these results. Without a time it is that of the results' files. Raises `InputError`."""
     from symfive.model import read_model
 
     if not is_result(folder):
-        remedy = "name the folder that symfive identify or diagnose wrote, or one that holds such folders"
-        raise InputError("there are no results", path=folder, remedy=remedy)
+        raise no_results(folder)
     fitted = read_model(folder)
     identified = _table(folder / "identification.json")
     diagnosed = _table(folder / "diagnosis.json") if (folder / "diagnosis.json").is_file() else None

@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
+from symfive.history._alarms import Cause
+from symfive.history._change import cause_words
 from symfive.history._forecast import BAND, Forecast
 from symfive.history._trend import Trend, alarm_data
 from symfive.history._visit import MachineId, time_text
@@ -45,15 +47,9 @@ class MachineRow:
 def alarm_words(alarm: Mapping[str, Any], machine: MachineId) -> str:
     """An alarm as one says it: `step of EX0C +2.1 ± 0.3 µm`."""
     kind = {"step": "step", "several": "several errors stepped", "drift": "drift"}[alarm["kind"]]
-    causes = [cause_text(c, machine) for c in alarm["causes"][:3]]
+    causes = [cause_words(Cause(**c), machine) for c in alarm["causes"][:3]]
     joint = ": " if alarm["kind"] == "several" else " of "
     return f"{kind}{joint}{', '.join(causes)}" if causes else kind
-
-
-def cause_text(cause: Mapping[str, Any], machine: MachineId) -> str:
-    """A cause with its size; those that cannot be distinguished with `or`."""
-    sign = "+" if cause["change"] >= 0.0 else ""
-    return f"{' or '.join(map(machine.said, cause['names'][:3]))} {sign}{with_std(cause['change'], cause['std'], cause['unit'])}"
 
 
 @dataclass(frozen=True, repr=False)
