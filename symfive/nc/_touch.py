@@ -101,9 +101,14 @@ class Touch:
         return self.back_off * math.hypot(*self.away.values())
 
     @property
+    def off(self) -> dict[str, str]:
+        """What leads from the contact to `back_off` off it, by axis, as it is added in a program."""
+        return {axis: f"{self.back_off * d:+.4f}" for axis, d in self.away.items()}
+
+    @property
     def backed_off(self) -> str:
         """Words of the place `back_off` off the contact that macro variables hold."""
-        return " ".join(f"{axis}[{STORED[axis]}{self.back_off * d:+.4f}]" for axis, d in self.away.items())
+        return " ".join(f"{axis}[{STORED[axis]}{more}]" for axis, more in self.off.items())
 
     @property
     def seconds(self) -> float:

@@ -34,7 +34,7 @@ def _move(dialect: Dialect, move: Move, fails: str) -> list[str]:
 
 
 def _touched(dialect: Dialect, touch: Touch, log: str) -> list[str]:
-    back = " ".join(f"{axis}=$AA_MW[{axis}]{touch.back_off * d:+.4f}" for axis, d in touch.away.items())
+    back = " ".join(f"{axis}=$AA_MW[{axis}]{more}" for axis, more in touch.off.items())
     stored = '<<" '.join(f'{axis}"<<$AA_MW[{axis}]' for axis in touch.away)
     return [
         *_move(dialect, touch.fast, "==0 GOTOB NO_CONTACT"),
