@@ -99,9 +99,10 @@ def _doubts(machine: Machine, runs: Sequence[Run], radius: float | None, feed: f
 
     from symfive.circles import CircleFinder
     from symfive.importers import polar_doubts
+    from symfive.motion import is_moving
 
     finder = CircleFinder(machine)
-    circles = [(run, circle) for run in runs if run.options.get("start") == "moving" and (circle := finder.find(run))]
+    circles = [(run, circle) for run in runs if is_moving(run) and (circle := finder.find(run))]
     if not circles or radius is None or feed is None:
         return ()
     angles = [np.degrees(circle.angle) for _, circle in circles]

@@ -1,6 +1,6 @@
 """Motion of the axes along a run: drives, positions behind them, and signals with memory."""
 
-from symfive.motion._between_rows import begun_before, is_told_by_rows, thinned
+from symfive.motion._between_rows import begun_before, is_moving, is_told_by_rows, thinned
 from symfive.motion._drives import GAINS, drive_response
 from symfive.motion._first_order import first_order, first_order_slope
 from symfive.motion._friction import FRICTION
@@ -30,5 +30,6 @@ __all__ = [
     "FINE_S", "FRICTION", "GAINS", "LAG", "LAGS", "LAG_OF_ALL", "LOOP", "Acceleration", "AxisMotion", "Command", "Direction",
     "Late", "Play", "Position", "PreSliding", "Resonance", "ReversalAhead", "ReversalDistance", "ReversalTime", "RunMotion",
     "Series", "Signal", "SpindleAngle", "Velocity", "approach", "begun_before", "drive_response", "first_order",
-    "first_order_slope", "is_told_by_rows", "linear_recurrence", "moved_response", "programme_of", "thinned", "unmoved",
+    "first_order_slope", "is_moving", "is_told_by_rows", "linear_recurrence", "moved_response", "programme_of", "thinned",
+    "unmoved",
 ]  # fmt: skip
