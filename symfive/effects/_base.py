@@ -6,15 +6,13 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Self
 
-import casadi as ca
-
 from symfive.arrays import Array
 from symfive.effects._axes import moving
 from symfive.effects._quantity import Covariance, Quantity, Values, own_quantity
 from symfive.effects._words import key_words, quantity_words
 from symfive.errors import InputError
 from symfive.machine import Axis, unknown_axis
-from symfive.motion import Signal, unmoved
+from symfive.motion import Signal
 from symfive.parameters import Parameter
 from symfive.row import Row
 from symfive.runs import Campaign, Run
@@ -39,8 +37,6 @@ STAGES = ("drive", "axis", "structure", "reading", "recording")
 instrument's reading of a row, in what its recorder makes of all rows together."""
 LINKS = DRIVE, BEHIND, STRUCTURE, INSTRUMENT = ("drive", "behind the drive", "structure", "instrument and set-up")
 """The links of the chain from the command to the reading (P. Andolfatto, S. Lavernhe & J. Mayer 2011)."""
-SHORTER = (0.3, 0.1)
-"""Shares of its usual time constant about which an effect is looked at too: half a decade apart."""
 _LINKS = dict(zip(STAGES, (*LINKS, INSTRUMENT), strict=True))
 
 
@@ -356,49 +352,11 @@ class Effect:
         return Parameter(name=f"{self.key}.{name}", unit=unit, sigma=scale * sigma, kind="effect",
                          called=self.called, **more)  # fmt: skip
 
-    def time_constant(self, tau: float, name: str = "time_constant_s") -> Parameter:
-        """A parameter for a time constant, s, that usually is about `tau`."""
-        return self.own(name, "s", 2.0 * tau, mean=tau, lower=1e-2 * tau)
-
-    def risen(self, row: Row, since: Any, name: str = "time_constant_s") -> Any:
-        """1 - exp(-t/τ): what has come of a rise with its time constant `name`, a time `since` (s) after it began."""
-        return 1.0 - ca.exp(-since / self.parameter(row, name))
-
     def forms_about(self, parameter: Parameter, values: Iterable[float], *shapes: Effect) -> Iterator[Form]:
         """Its form, and the same about several values of a parameter in which the readings are far from linear."""
         yield Form(effect=self, shapes=shapes)
         for value in values:
             yield Form(effect=self, shapes=shapes, at={parameter.name: value})
 
-    def at_time_constants(self, campaign: Campaign, *shapes: Effect) -> Iterator[Form]:
-        """Its form about its usual time constant, and about shorter ones: while it has no size, readings cannot separate them."""
-        usual = next(p for p in self.parameters(campaign) if p.name == f"{self.key}.time_constant_s")
-        yield from self.forms_about(usual, [share * usual.mean for share in SHORTER], *shapes)
-
-    @property
-    def started(self) -> str:
-        """What a run calls the state in which its recording begins."""
-        return f"setup.{self.key}.start"
-
-    def start_of_contact(self, run: Run, axis: str, *, memory: bool = True) -> tuple[Parameter, ...]:
-        """Position of a contact between its flanks (-1…+1) until its axis first moves in a run, or throughout it; uniform prior.
-
-        In a static run whose second pose is reached by moving the axis the first one counts as approached like the second
-        (docs/conventions.md, section 5); so does the first row of what goes by the direction alone and has no `memory`.
-        """
-        known = 0 if run.dynamic and memory else 1
-        if unmoved(run.commands[axis]) <= known:
-            return ()
-        name = run.full_name(self.started)
-        sigma = 3.0**-0.5  # of what is equally probable in -1…+1
-        return (
-            Parameter(name=name, unit="1", sigma=sigma, lower=-1.0, upper=1.0, kind="setup", run=run.id,
-                      called=self.called),
-        )  # fmt: skip
-
     def its_axis(self, campaign: Campaign) -> Axis:
         return campaign.machine.axes[str(self.axis)]
-
-    def clock_span(self, campaign: Campaign) -> float:
-        """How long the campaign's clock runs, s (at least 1)."""
-        return max([1.0, *(run.start_s + float(run.time[-1]) for run in campaign.runs if run.has_clock)])

@@ -14,7 +14,8 @@ import casadi as ca
 import numpy as np
 
 from symfive.arrays import Array
-from symfive.effects._base import DRIVE, Campaign, Covariance, Effect, Parameter, Quantity, Row, Run, Values
+from symfive.effects._base import DRIVE, Campaign, Covariance, Parameter, Quantity, Row, Run, Values
+from symfive.effects._contact import Contact
 from symfive.effects._coordinates import (
     ACCELERATION,
     FINEST,
@@ -42,7 +43,7 @@ _QUANTITIES = f'"{VELOCITY}", "{ACCELERATION}", "{SIGN}" or "{SINCE}"'
 
 
 @dataclass(frozen=True, kw_only=True)
-class NonparametricTerm(Effect):
+class NonparametricTerm(Contact):
     """Functions over coordinates, as `Unknown` says, which also says what its fields mean."""
 
     choices = (("place", PLACES),)

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Self
 
 from symfive.effects._axes import positioned
-from symfive.effects._axis_warming import AxisWarming
 from symfive.effects._base import Campaign, Forms, Parameter, Row
+from symfive.effects._warming import AxisWarming
 from symfive.errors import InputError
 
 TURN = 50.0

@@ -6,14 +6,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from symfive.effects._axes import reversing
-from symfive.effects._base import Campaign, Effect, Form, Forms, Parameter, Quantity, Row, Run
+from symfive.effects._base import Campaign, Form, Forms, Parameter, Quantity, Row, Run
+from symfive.effects._contact import Contact
 from symfive.motion import Direction, Play, Position, PreSliding, Signal
 
 SHAPES = ("play", "pre_sliding", "wind_up", "gradual", "step")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Backlash(Effect):
+class Backlash(Contact):
     """q → q - (width/2)·s with a state s in -1…+1: the output lags the motion by half the width.
 
     `shape`:

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from symfive.effects._base import Campaign, Effect, Forms, Parameter, Row, Run
+from symfive.effects._base import Campaign, Forms, Parameter, Row, Run
+from symfive.effects._warming import Rising
 from symfive.instruments import has_bar
 
 CLOCKS = ("run", "campaign")
 
 
 @dataclass(frozen=True, kw_only=True)
-class BarTemperature(Effect):
+class BarTemperature(Rising):
     """length → length + amplitude·(1 - exp(-t/time_constant_s)); the reading falls by as much.
 
     `clock`: t since the run's start (a hand warmed it when it was set up) or on the campaign's clock. Typical

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from symfive.effects._axes import reversing
-from symfive.effects._base import Campaign, Covariance, Effect, Form, Forms, Parameter, Quantity, Row, Run, Values
+from symfive.effects._base import Campaign, Covariance, Form, Forms, Parameter, Quantity, Row, Run, Values
+from symfive.effects._contact import Contact
 from symfive.motion import Direction, Position, Signal
 
 UPRIGHT = 0.7
@@ -13,7 +14,7 @@ UPRIGHT = 0.7
 
 
 @dataclass(frozen=True, kw_only=True)
-class Counterbalance(Effect):
+class Counterbalance(Contact):
     """q → q - (drop + slope·q)·(1 + s)/2 with the direction s of the last motion: a drop on the way up, none
     downwards.
 

@@ -10,7 +10,8 @@ import numpy as np
 
 from symfive.arrays import Array
 from symfive.effects._axes import component_of, moving
-from symfive.effects._base import Campaign, Covariance, Effect, Form, Forms, Parameter, Quantity, Row, Run, Values
+from symfive.effects._base import Campaign, Covariance, Form, Forms, Parameter, Quantity, Row, Run, Values
+from symfive.effects._contact import Contact
 from symfive.effects._force import DOWN, across, carriers, gravity_seen, sine_to_gravity, upright
 from symfive.errors import InputError
 from symfive.machine import Machine
@@ -24,7 +25,7 @@ FURTHER = 0.3
 
 
 @dataclass(frozen=True, kw_only=True)
-class GravitySag(Effect):
+class GravitySag(Contact):
     """`component` += sin·Δg_h + one_minus_cos·Δg_v, where Δg is the change of gravity's unit vector in the
     tilted body.
 

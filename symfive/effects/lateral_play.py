@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from typing import Self
 
 from symfive.effects._axes import across, component_of, reversing
-from symfive.effects._base import Campaign, Effect, Form, Forms, Parameter, Quantity, Row, Run
+from symfive.effects._base import Campaign, Form, Forms, Parameter, Quantity, Row, Run
+from symfive.effects._contact import Contact
 from symfive.errors import InputError
 from symfive.motion import Direction, Play, PreSliding, Signal
 
@@ -15,7 +16,7 @@ SHAPES = ("step", "pre_sliding", "play")
 
 
 @dataclass(frozen=True, kw_only=True)
-class LateralPlay(Effect):
+class LateralPlay(Contact):
     """`component` (`EYX`) -= (width/2)·s of the direction of motion s of the component's axis, µm or µrad.
 
     `shape`: `step`, s = ±1 at once; `pre_sliding`, s = ±(1 - 2·exp(-ξ/distance)), ξ the distance since the

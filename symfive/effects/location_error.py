@@ -6,12 +6,13 @@ from dataclasses import dataclass
 from typing import Self
 
 from symfive.effects._axes import location_of, own_component
-from symfive.effects._base import Campaign, Effect, Form, Forms, Parameter, Row
+from symfive.effects._base import Campaign, Form, Forms, Parameter, Row
+from symfive.effects._warming import Rising
 from symfive.errors import InputError
 
 
 @dataclass(frozen=True, kw_only=True)
-class LocationError(Effect):
+class LocationError(Rising):
     """`component` (`EY0C`) = value, µm or µrad, in the exact chain.
 
     With `drift` it grows on the campaign's clock, value·(1 - exp(-t/time_constant_s)): the thermal drift of a

@@ -10,9 +10,10 @@ import casadi as ca
 import numpy as np
 
 from symfive.arrays import Array, Indices
-from symfive.effects._base import BALL, INSTRUMENT, Begin, Campaign, Effect, Form, Forms, Parameter, Row, Run, Scan
+from symfive.effects._base import BALL, INSTRUMENT, Begin, Campaign, Form, Forms, Parameter, Row, Run, Scan
 from symfive.effects._coordinates import ROW
 from symfive.effects._quantity import Covariance, Quantity, Values, own_quantity
+from symfive.effects._warming import Rising
 from symfive.errors import InputError
 
 ARTEFACTS = ("table", "tool")
@@ -22,7 +23,7 @@ MOST_PLACES = 150
 
 
 @dataclass(frozen=True, kw_only=True)
-class SetupShift(Effect):
+class SetupShift(Rising):
     """From `t_s` or `row` of the run on the ball is displaced by shift (3, µm): the table's in the workpiece frame,
     the tool's in its.
 

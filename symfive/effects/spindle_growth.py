@@ -6,11 +6,12 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from symfive.effects._base import Campaign, Covariance, Effect, Forms, Parameter, Quantity, Row, Values
+from symfive.effects._base import Campaign, Covariance, Forms, Parameter, Quantity, Row, Values
+from symfive.effects._warming import Rising
 
 
 @dataclass(frozen=True, kw_only=True)
-class SpindleGrowth(Effect):
+class SpindleGrowth(Rising):
     """tool ball → tool ball - (0, 0, amplitude·(1 - exp(-t/time_constant_s))) in the tool frame, t on the
     campaign's clock.
 

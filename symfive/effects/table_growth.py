@@ -6,11 +6,12 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from symfive.effects._base import Campaign, Covariance, Effect, Forms, Parameter, Quantity, Row, Values
+from symfive.effects._base import Campaign, Covariance, Forms, Parameter, Quantity, Row, Values
+from symfive.effects._warming import Rising
 
 
 @dataclass(frozen=True, kw_only=True)
-class TableGrowth(Effect):
+class TableGrowth(Rising):
     """table ball → table ball + (ε·(x - x_c), ε·(y - y_c), rise)·(1 - exp(-t/time_constant_s)) in the workpiece frame,
     ε the `expansion`, (x_c, y_c) the table's centre, t on the campaign's clock.
 

@@ -10,8 +10,9 @@ import casadi as ca
 import numpy as np
 
 from symfive.arrays import Array
-from symfive.effects._base import TOOL, Campaign, Effect, Form, Forms, Parameter, Row, Run, Scan
+from symfive.effects._base import TOOL, Campaign, Form, Forms, Parameter, Row, Run, Scan
 from symfive.effects._quantity import Covariance, Quantity, Values, length_and_direction, own_quantity, propagated
+from symfive.effects._warming import Rising
 from symfive.errors import InputError
 
 SHAPES = ("exponential", "mixture", "linear", "delayed")
@@ -22,7 +23,7 @@ SHORTEST = 0.1
 
 
 @dataclass(frozen=True, kw_only=True)
-class ThermalDrift(Effect):
+class ThermalDrift(Rising):
     """A shift of the tool in the machine frame, t on the campaign's clock.
 
     `shape`: `exponential`, amplitude·(1 - exp(-t/τ)); `mixture`, that and slow·(1 - exp(-t/τ_slow)), a

@@ -1,23 +1,49 @@
-"""What comes with time in the position of one axis as it warms up (ISO 230-3)."""
+"""What rises with a time constant, and what of it shows in the position of one axis that warms up (ISO 230-3)."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
+import casadi as ca
 import numpy as np
 
 from symfive.arrays import Array
-from symfive.effects._base import Campaign, Covariance, Effect, Quantity, Row, Values
+from symfive.effects._base import Campaign, Covariance, Effect, Form, Parameter, Quantity, Row, Values
 from symfive.effects._quantity import propagated
 from symfive.errors import InputError
 
 SHAPES = ("exponential", "linear")
+SHORTER = (0.3, 0.1)
+"""Shares of its usual time constant about which an effect is looked at too: half a decade apart."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class AxisWarming(Effect):
+class Rising(Effect):
+    """An effect that rises as 1 - exp(-t/τ)."""
+
+    def time_constant(self, tau: float, name: str = "time_constant_s") -> Parameter:
+        """A parameter for a time constant, s, that usually is about `tau`."""
+        return self.own(name, "s", 2.0 * tau, mean=tau, lower=1e-2 * tau)
+
+    def risen(self, row: Row, since: Any, name: str = "time_constant_s") -> Any:
+        """1 - exp(-t/τ): what has come of a rise with its time constant `name`, a time `since` (s) after it began."""
+        return 1.0 - ca.exp(-since / self.parameter(row, name))
+
+    def at_time_constants(self, campaign: Campaign, *shapes: Effect) -> Iterator[Form]:
+        """Its form about its usual time constant, and about shorter ones: while it has no size, readings cannot separate them."""
+        usual = next(p for p in self.parameters(campaign) if p.name == f"{self.key}.time_constant_s")
+        yield from self.forms_about(usual, [share * usual.mean for share in SHORTER], *shapes)
+
+    def clock_span(self, campaign: Campaign) -> float:
+        """How long the campaign's clock runs, s (at least 1)."""
+        return max([1.0, *(run.start_s + float(run.time[-1]) for run in campaign.runs if run.has_clock)])
+
+
+@dataclass(frozen=True, kw_only=True)
+class AxisWarming(Rising):
     """Its first parameter times g(t), t on the campaign's clock.
 
     `shape`: `exponential`, g = 1 - exp(-t/time_constant_s), its last parameter; `linear`, g = t/span_s, of which only the first
