@@ -8,17 +8,22 @@ spent are accounted for.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from symfive.arrays import Array, Flags, Indices
 from symfive.disk import release
-from symfive.inference._whitening import Noise, innovations, steady_variance, whiten
+from symfive.inference._whitening import Noise, Whitening, innovations, steady_variance, whiten
 from symfive.inference._windows import spans_of
 
+Key = tuple[str, str]
+"""A recording: run and instrument."""
 LEVEL = 0.01
+SHORT = 100
+LOUD = 2.0
+"""An instrument's noise does not differ from run to run by more than this factor."""
 LOUDER = ((0.0, 20.0), (-7.0, 9.0))
 """Logarithms between which the white and the coloured part are sought, over the declared noise."""
 SHORTEST = -1.5
@@ -92,6 +97,26 @@ def plain_noise(blocks: Sequence[Block], declared: float) -> Noise:
     """All of the residual as white, from its mean square."""
     square = sum(square_of(block.residual, block.left_out) for block in blocks)
     return Noise(max(declared, float(np.sqrt(square / max(sum(b.kept for b in blocks), 1)))), declared=declared)
+
+
+def quiet_ones(blocks: Mapping[Key, Block], noises: Mapping[Key, Noise]) -> list[Key]:
+    """Recordings that are no more than `LOUD` times as loud, once whitened, as their median, or too short to tell."""
+    powers = {key: _power(block, noises[key]) for key, block in blocks.items()}
+    limit = LOUD**2 * float(np.median(list(powers.values())))
+    return [key for key, power in powers.items() if power <= limit or len(blocks[key].residual) < SHORT]
+
+
+def _power(block: Block, noise: Noise) -> float:
+    """Mean square of a whitened recording. The largest tenth of the readings does not count: these may be outliers."""
+    whitening, total, count = Whitening(noise, block.interval), 0.0, 0
+    for rows in spans_of(len(block.residual)):
+        left_out = block.left_out[rows]
+        squares = np.sort(whitening(np.where(left_out, 0.0, block.residual[rows]))[~left_out] ** 2)
+        release(block.residual)
+        if len(squares):
+            total += len(squares) * float(np.mean(squares[: max(1, int(0.9 * len(squares)))]))
+            count += len(squares)
+    return total / max(count, 1)
 
 
 def square_of(residual: Array, left_out: Flags) -> float:

@@ -10,11 +10,10 @@ import numpy as np
 
 from symfive.arrays import Array, Flags
 from symfive.disk import new_table, release
-from symfive.inference._noise import Block
+from symfive.inference._noise import Block, Key
 from symfive.inference._whitening import Noise, Whitening, whiten
 from symfive.inference._windows import spans_of
 
-Key = tuple[str, str]
 OUTLIER_LEVEL = 0.01
 LONGEST_OUTLIER = 3
 MOST_LEVERAGE = 0.99

@@ -12,7 +12,7 @@ from symfive.disk import new_table, release
 from symfive.effects import Effect
 from symfive.inference._between import unresolved
 from symfive.inference._information import Information, NormalEquations
-from symfive.inference._noise import Block, estimate_noise, long_run_variance, plain_noise
+from symfive.inference._noise import Block, Key, estimate_noise, long_run_variance, plain_noise, quiet_ones
 from symfive.inference._outliers import (
     OUTLIER_LEVEL,
     Outlier,
@@ -22,17 +22,13 @@ from symfive.inference._outliers import (
     outlier_limit,
     short_groups,
 )
-from symfive.inference._repeats import alike, alone_among_repeats, repeats_say_so
+from symfive.inference._repeats import alike, alone_among_repeats, contrasts, repeats_say_so
 from symfive.inference._whitening import TRANSIENT, Noise, Whitening, whiten
-from symfive.inference._windows import predicted, spans_of, windows_of
+from symfive.inference._windows import predicted, windows_of
 from symfive.instruments import INSTRUMENTS, fitted_parts, instruments_of
 from symfive.model import Model
 from symfive.runs import Run
 
-Key = tuple[str, str]
-SHORT = 100
-LOUD = 2.0
-"""An instrument's noise does not differ from run to run by more than this factor."""
 NOISE_ROWS = 60_000
 """The noise of an instrument is estimated from so many rows, the first ones of each of its runs."""
 
@@ -275,14 +271,14 @@ class Problem:
         no noise.
         """
         for (instrument, _, declared), keys in self._groups().items():
-            quiet = self._quiet({key: survey[key] for key in keys})
+            quiet = quiet_ones({key: survey[key] for key in keys}, self.noises)
             chosen = [survey[key] for key in quiet]
             if INSTRUMENTS[instrument].plain_weights:
                 noise = plain_noise(chosen, declared)
             else:
                 precision = np.diag(self.prior_precision) + self._elsewhere(survey, values, keys)
                 noise = estimate_noise(chosen, declared, precision)
-                differences = self._differences({key: survey[key].head for key in quiet})
+                differences = contrasts({key: survey[key].head for key in quiet}, self.repeats)
                 if differences:
                     repeated = estimate_noise(differences, declared, np.diag(self.prior_precision))
                     noise = min(noise, repeated, key=lambda n: n.total)
@@ -295,23 +291,6 @@ class Problem:
         if all(block.whole for block in others.values()):
             return self.information(others).matrix
         return self.information_at(values, others).matrix
-
-    def _quiet(self, blocks: Mapping[Key, Block]) -> list[Key]:
-        """Recordings that are no more than `LOUD` times as loud, once whitened, as their median, or too short to tell."""
-        powers = {key: _power(block, self.noises[key]) for key, block in blocks.items()}
-        limit = LOUD**2 * float(np.median(list(powers.values())))
-        return [key for key, power in powers.items() if power <= limit or len(blocks[key].residual) < SHORT]
-
-    def _differences(self, blocks: Mapping[tuple[str, str], Block]) -> list[Block]:
-        """Orthonormal contrasts of repeated runs: what the model lacks and both share cancels."""
-        found = []
-        for group in self.repeats:
-            for name in {instrument for _, instrument in blocks}:
-                members = [blocks[run, name] for run in group if (run, name) in blocks]
-                for count in range(1, len(members)):
-                    weights = np.array([1.0] * count + [-float(count)]) / np.sqrt(count * (count + 1.0))
-                    found.append(_contrast(members[: count + 1], weights))
-        return found
 
     def excess_at(self, values: Array) -> Array:
         """What correlation of the residual adds to the information matrix' variance, for instruments of plain weights.
@@ -388,27 +367,3 @@ class Problem:
         step = np.clip(step, lowest - values, highest - values)
         moved = {key: replace(b, residual=b.residual - b.jacobian @ step[b.columns]) for key, b in survey.items()}
         return moved, covariance
-
-
-def _power(block: Block, noise: Noise) -> float:
-    """Mean square of a whitened recording. The largest tenth of the readings does not count: these may be outliers."""
-    whitening, total, count = Whitening(noise, block.interval), 0.0, 0
-    for rows in spans_of(len(block.residual)):
-        left_out = block.left_out[rows]
-        squares = np.sort(whitening(np.where(left_out, 0.0, block.residual[rows]))[~left_out] ** 2)
-        release(block.residual)
-        if len(squares):
-            total += len(squares) * float(np.mean(squares[: max(1, int(0.9 * len(squares)))]))
-            count += len(squares)
-    return total / max(count, 1)
-
-
-def _contrast(blocks: Sequence[Block], weights: Array) -> Block:
-    """The weighted sum of blocks with one shape, over the columns of all of them."""
-    columns = np.unique(np.concatenate([b.columns for b in blocks]))
-    residual = np.asarray(sum(w * b.residual for w, b in zip(weights, blocks, strict=True)))
-    jacobian = np.zeros((*residual.shape, len(columns)))
-    for w, b in zip(weights, blocks, strict=True):
-        jacobian[:, :, np.searchsorted(columns, b.columns)] += w * b.jacobian
-    left_out = np.any([b.left_out for b in blocks], axis=0)
-    return Block(residual, jacobian, columns, blocks[0].interval, left_out)

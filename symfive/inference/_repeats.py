@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from symfive.arrays import Array, Indices
+from symfive.inference._noise import Block, Key
 from symfive.model import Model
 from symfive.motion import approach
 from symfive.runs import Run
 
-Key = tuple[str, str]
 POSE_DIGITS = 9
 FEWEST = 3
-"""Readings of one kind of which one can be told to be the odd one."""
+"""Readings of one kind among which an odd one can be recognised."""
 POLISHINGS = 10
 EFFICIENCY = 0.37
 """Of the median absolute deviation beside the standard deviation (F. R. Hampel 1974): so many degrees of freedom count."""
@@ -77,6 +77,29 @@ def _in_motion(runs: Sequence[Run]) -> Iterator[list[Indices]]:
         yield [np.arange(run.rows) for run in runs]
 
 
+def contrasts(blocks: Mapping[Key, Block], repeats: Iterable[Sequence[str]]) -> list[Block]:
+    """Orthonormal contrasts of repeated runs: what the model lacks and both share cancels."""
+    found = []
+    for group in repeats:
+        for name in {instrument for _, instrument in blocks}:
+            members = [blocks[run, name] for run in group if (run, name) in blocks]
+            for count in range(1, len(members)):
+                weights = np.array([1.0] * count + [-float(count)]) / np.sqrt(count * (count + 1.0))
+                found.append(_contrast(members[: count + 1], weights))
+    return found
+
+
+def _contrast(blocks: Sequence[Block], weights: Array) -> Block:
+    """The weighted sum of blocks with one shape, over the columns of all of them."""
+    columns = np.unique(np.concatenate([b.columns for b in blocks]))
+    residual = np.asarray(sum(w * b.residual for w, b in zip(weights, blocks, strict=True)))
+    jacobian = np.zeros((*residual.shape, len(columns)))
+    for w, b in zip(weights, blocks, strict=True):
+        jacobian[:, :, np.searchsorted(columns, b.columns)] += w * b.jacobian
+    left_out = np.any([b.left_out for b in blocks], axis=0)
+    return Block(residual, jacobian, columns, blocks[0].interval, left_out)
+
+
 def repeats_say_so(
     key: Key, row: int, column: int, innovations: Mapping[Key, Array], ways: Sequence[Alike], limit: float
 ) -> bool:
@@ -98,7 +121,7 @@ def alone_among_repeats(
     """By how much static readings differ from what the same place, reached from the same side, showed at other times (N, ny), in
     units of the limit that noise exceeds with probability `level`: beyond ±1 a reading stands alone, whatever the model lacks.
 
-    Median polish (J. W. Tukey 1977) takes off what all readings of a place share and what all of a recording share; the scale is
+    Median polish (J. W. Tukey 1977) removes what all readings of a place share and what all of a recording share; the scale is
     the median absolute deviation of all that is left, at `least` the declared noise, the limit Student's.
     """
     found = {key: np.zeros(values.shape) for key, values in residuals.items()}
