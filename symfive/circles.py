@@ -67,7 +67,7 @@ class Circle:
     def measured(self, readings: Array) -> Array:
         """Radial deviation (N,), µm, of readings from the commanded circle.
 
-        Where a bar is read, an eccentricity counts by its sine and cosine alone, which a least-squares centre takes off: what it
+        Where a bar is read, an eccentricity counts by its sine and cosine alone, which a least-squares centre removes: what it
         adds at 2φ, e²/4R, would be a squareness.
         """
         deviation = np.asarray(np.sum(self.weights * (readings[:, self.columns] - self.nominal), axis=1))

@@ -6,7 +6,7 @@ Of parameters p with values v, the model without them is the model with p at its
 
 y the readings less what set-up alone explains of them (least squares in the run's own parameters: centre, radius, zeros), and
 y - Δ likewise. In the workspace the same is the rms distance of the tool from where it was sent, over poses spread evenly over
-all axes' travels, less its mean (which a work offset takes off); there only what moves the tool counts, not what moves the
+all axes' travels, less its mean (which a work offset removes); there only what moves the tool counts, not what moves the
 instrument's reading. A negative share: the error makes up for another one, and corrected alone the rest grows.
 
 A correction below its own uncertainty is not entered (ISO 14253-1, and every control's resolution): with C the covariance of

@@ -69,7 +69,7 @@ def test_a_drift_at_a_standstill_is_no_growth() -> None:
 def test_a_rotary_axis_does_not_grow() -> None:
     machine = preset("oyama-2010")
     plan = campaign_of(machine, planar_circle(machine, plane="XY", feed=2000.0, rate_hz=10.0))
-    with pytest.raises(InputError, match="a rotary axis does not grow along its way"):
+    with pytest.raises(InputError, match="a rotary axis has no length"):
         Model(plan, [make_effect("axis_growth", "C")])
     with pytest.raises(InputError, match="a linear axis does not turn"):
         Model(plan, [make_effect("axis_turn", "X")])

@@ -270,7 +270,7 @@ KINDS: dict[str, tuple[Callable[..., tuple[dict[str, Any], Runs, Runs]], tuple[s
 
 
 def draw_setting(rng: Random, kinds: tuple[str, ...] = tuple(KINDS), lean: bool = False) -> Setting:
-    """A random machine with random tests and noise; drawn anew until every command is within travel."""
+    """A random machine with random tests and noise; drawn again until every command is within travel."""
     weights = np.array([KINDS[k][2] for k in kinds])
     while True:
         kind = str(rng.choice(kinds, p=weights / weights.sum()))

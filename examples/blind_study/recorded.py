@@ -37,14 +37,14 @@ STOP = 5
 
 
 def standstill(campaign: Campaign) -> Iterator[Array]:
-    """Readings of the runs in which no axis moves, mean taken off."""
+    """Readings of the runs in which no axis moves, without their mean."""
     for run in campaign.runs:
         if all(np.ptp(way) < STILL for way in run.commands.values()):
             yield from (values - values.mean() for values in run.readings.values())
 
 
 def stops(campaign: Campaign) -> Iterator[Array]:
-    """Readings at the stops of slow scans, one after the other, the mean of each stop taken off."""
+    """Readings at the stops of slow scans, one after the other, without the mean of each stop."""
     for run in (run for run in campaign.runs if run.dynamic):
         moved = np.any([np.abs(np.diff(way)) > STILL for way in run.commands.values()], axis=0)
         pieces = [p for p in np.split(np.arange(run.rows), np.flatnonzero(moved) + 1) if len(p) >= STOP]

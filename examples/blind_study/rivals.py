@@ -42,7 +42,7 @@ MOST = 5
 LEVEL = 0.01
 """False names over all families, where all are fitted at once."""
 ROOM = 100.0
-"""Prior sigma of a coefficient there, in noise's own: what the readings cannot part stays finite."""
+"""Prior sigma of a coefficient there, in noise's own: what the readings cannot separate stays finite."""
 THRESHOLD = 5.0
 """Least coefficient that PySINDy keeps, in standard deviations of the declared noise."""
 THRESHOLDED = """

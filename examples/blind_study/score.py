@@ -32,7 +32,7 @@ def as_well(mine: float, best: float) -> bool:
 
 
 def names_of(fact: Mapping[str, Any]) -> list[Name]:
-    """Names that are right: the effect's own, and those that the recordings cannot tell from it."""
+    """Names that are right: the effect's own, and those that the recordings cannot distinguish from it."""
     return [_name(fact["name"]), *map(_name, fact["same"])]
 
 
@@ -118,8 +118,8 @@ def class_complete(
     classes: Sequence[Sequence[str]],
     oversized: Sequence[Sequence[str | None]] = (),
 ) -> bool:
-    """Whether all that cannot be told from the effect is listed: the finding, its rivals, aliases and class; but for `oversized`
-    names."""
+    """Whether all names that the recordings cannot distinguish are listed, but for `oversized` ones: the finding, its rivals,
+    aliases and class."""
     listed = {(finding["effect"], finding["axis"])}
     listed |= {(r["effect"], r["axis"]) for r in finding["rivals"] if r["confidence"] >= LISTED}
     keys = {finding["form"], *finding["alias"]}

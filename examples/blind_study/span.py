@@ -29,7 +29,7 @@ from .plans import Setting
 Array = NDArray[np.float64]
 Name = tuple[str, str | None]
 SAME = 1.0
-"""An explanation that leaves less than this SNR of an effect cannot be told from it."""
+"""An explanation that leaves less than this SNR of an effect cannot be distinguished from it."""
 APART = 3.0
 """One that leaves more than this can be."""
 FREE = 1e4

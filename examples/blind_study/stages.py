@@ -54,7 +54,7 @@ def _opened(store: Store, id: str) -> dict[str, object]:
 
 
 def _alike(case: Path, answer: Mapping[str, Any]) -> dict[str, list[Name]]:
-    """Of the names that read like the truth, those that no measurement parts from it, and those far larger than it."""
+    """Names that give the same readings as the truth: those that no measurement separates from it, those far larger."""
     machine, runs = read_plan(case / "fit")
     errors = answer["location_errors_um_urad"], answer["error_motions_um_urad"]
     setting = Setting(answer["kind"], answer["topology"], machine, runs, [], plant.PLAIN, *errors)

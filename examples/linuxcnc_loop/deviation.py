@@ -99,7 +99,7 @@ def _true(machine: TrueMachine, runs: Sequence[Mapping[str, Any]]) -> list[Array
 
 def _without_setup(deviations: Sequence[Array], rotations: Sequence[Array]) -> Deviation:
     """Without the best constants in the workpiece frame (the zero, or work offset) and in the tool frame (where the ball is
-    on the tool), which nobody can tell from a run's readings: 6 a run, fewer where the tool does not turn."""
+    on the tool), which the readings of a run do not determine: 6 a run, fewer where the tool does not turn."""
     left, fitted = [], 0
     for vectors, rotation in zip(deviations, rotations, strict=True):
         identity = np.broadcast_to(np.eye(3), rotation.shape)

@@ -15,8 +15,8 @@ COMPARED = (
     "Deviation: where the independent plant has the tool centre point with the joints that the control recorded, minus the "
     "place in the programme, in the workpiece frame; distances over three coordinates. The tool is exactly as long as "
     "programmed. *Work offset set*: of each set-up 3 constants are taken out, as by setting its work offset on the workpiece. "
-    "*Set-up taken out*: for each set-up also the 3 constants of the ball's place on the tool, which no R-test can tell from "
-    "geometry. "
+    "*Set-up taken out*: for each set-up also the 3 constants of the ball's place on the tool, which no R-test "
+    "can distinguish from geometry. "
     "*Measured*: the readings of the R-test with their own noise and set-up, the same constants fitted to them and taken out; "
     "the last line is for the degrees of freedom left and to be compared with the noise."
 )

@@ -1,4 +1,4 @@
-"""The paper's figures, drawn anew from our recordings. Deviations are magnified 10,000 times where geometry is shown."""
+"""The paper's figures, redrawn from our recordings. Deviations are magnified 10,000 times where geometry is shown."""
 
 from __future__ import annotations
 

@@ -18,8 +18,8 @@ STEP_DEG = 4.0
 
 @dataclass(frozen=True)
 class Part:
-    """A way to part a recording: `learn` says of a run whether it is fitted (the others are predicted), once `cut` has made
-    runs of what is to be parted."""
+    """A way to divide a recording: `learn` says of a run whether it is fitted (the others are predicted), once `cut` has made
+    runs of what is to be divided."""
 
     label: str
     learn: Callable[[Run], bool]

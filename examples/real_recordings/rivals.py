@@ -214,7 +214,7 @@ def boosted(known: Array, left: Array, asked: Array) -> Array:
 
 
 def _split(bins: list[NDArray[np.int64]], rest: Array, rows: NDArray[np.bool_]) -> tuple[int, int] | None:
-    """Coordinate and threshold that part some rows best; None where none leaves enough on both sides."""
+    """Coordinate and threshold that divide some rows best; None where none leaves enough on both sides."""
     best: tuple[float, tuple[int, int]] | None = None
     count, total = int(rows.sum()), float(rest[rows].sum())
     for k, column in enumerate(bins):

@@ -1,4 +1,4 @@
-"""Error motions of B, of which the paper only says that they are measured like those of C: its way, and all at once.
+"""Error motions of B, of which the paper only says that they are measured like those of C: that way, and all at once.
 
 The bar stands along X, Y and Z while B turns, with balls at two heights on the C axis and a third one beside it. Location
 errors of B and C, and whatever a set-up adds to one reading, are 1, cos b and sin b in every one of the six functions; what
@@ -113,9 +113,9 @@ def pointwise(campaign: Campaign, deviations: Readings, *, third: bool = True) -
 
 
 def in_sequence(campaign: Campaign, readings: Readings, *, smooth: bool = True) -> Array:
-    """The paper's order: linear axes first and taken off, then B at every b; what is left over (machines, 6, N).
+    """The paper's order: linear axes first and subtracted, then B at every b; what is left over (machines, 6, N).
 
-    Location errors need not be taken off. `smooth`: fitted with harmonics up to 3b, as it is done for C.
+    Location errors need not be subtracted. `smooth`: fitted with harmonics up to 3b, as it is done for C.
     """
     nominal = readings_of(campaign, {}, 1)
     deviations = {run: y - nominal[run] for run, y in readings.items()}

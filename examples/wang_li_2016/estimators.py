@@ -81,7 +81,7 @@ def six_motions(campaign: Campaign, axis: str, deviations: Readings) -> Array:
 class Sequence:
     """The paper's order: linear axes and squareness, B, C, motions of C; each stage takes the earlier ones as exact.
 
-    Squareness is the slope that is left when the error motions are taken off the corner: they contain the carriage's own
+    Squareness is the slope that is left when the error motions are subtracted at the corner: they contain the carriage's own
     rotations, which at a lever that grows along the line look like a slope.
     """
 

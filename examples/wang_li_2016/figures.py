@@ -1,4 +1,4 @@
-"""The paper's figures, drawn anew from our readings, and what it does not show: both methods over a thousand machines."""
+"""The paper's figures, redrawn from our readings, and what it does not show: both methods over a thousand machines."""
 
 from __future__ import annotations
 

@@ -36,7 +36,7 @@ class Yawed:
 
     @property
     def says(self) -> tuple[str, ...]:
-        """What the joint estimate says cannot be told from roll."""
+        """What the joint estimate cannot distinguish from roll."""
         return tuple(c.words for c in self.known.confounded if any(name.startswith("EAX") for name in c.names))
 
 

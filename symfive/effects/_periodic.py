@@ -1,4 +1,4 @@
-"""What periodic effects share: along the way of an axis a series of sines in its position, in time a tone."""
+"""What periodic effects share: along an axis a series of sines in its position, in time a tone."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ CYCLES = 3.0
 MANY = 500
 """Uneven targets (ISO 230-2) separate as many frequencies within their reach, at most; more positions are no targets."""
 ALIKE = 0.999
-"""Mean of exp(2πi·f·position), as a share of that at 0, from which on a frequency reads like 0: of even targets 1 at 1/step."""
+"""Mean of exp(2πi·f·position), as a share of that at 0, from which on a frequency looks like 0: of even targets 1 at 1/step."""
 ROUNDING = float(np.sqrt(np.finfo(float).eps))
 """Share of an axis' travel up to which a step is not motion but the rounding of computed positions: half the digits they have."""
 
@@ -224,7 +224,7 @@ def reach_and_shortest(runs: Iterable[Run], axis: str) -> tuple[float, float]:
 
 
 def _uneven(targets: Array, step: float) -> float:
-    """How many times shorter periods some targets resolve than even ones a `step` apart: until a frequency reads like 0
+    """How many times shorter periods some targets resolve than even ones a `step` apart: until a frequency looks like 0
     (L. Eyer & P. Bartholdi 1999). Positions in clusters, with steps far below their mean distance, are no targets."""
     reach, count = float(np.ptp(targets)), len(targets)
     if count > MANY or not CYCLES * READINGS * step <= reach <= CYCLES * count * step:
@@ -233,7 +233,7 @@ def _uneven(targets: Array, step: float) -> float:
 
 
 def _like_zero(targets: Array) -> float:
-    """The lowest frequency that reads like 0 at some targets, 1/step of even ones, per mm or degree; 0 where none does.
+    """The lowest frequency that looks like 0 at some targets, 1/step of even ones, per mm or degree; 0 where none does.
 
     It has the same value at the first and the last target: whole cycles lie between them.
     """

@@ -9,8 +9,8 @@ from typing import Self
 import numpy as np
 
 from symfive.effects._axes import positioned
-from symfive.effects._axis_warming import AxisWarming
 from symfive.effects._base import Campaign, Covariance, Forms, Parameter, Quantity, Row, Values
+from symfive.effects._warming import AxisWarming
 from symfive.errors import InputError
 from symfive.motion import Position
 
@@ -37,7 +37,7 @@ class AxisGrowth(AxisWarming):
     def prepare(self, campaign: Campaign) -> Self:
         effect = super().prepare(campaign)
         if self.its_axis(campaign).rotary:
-            raise InputError(f"{self.key}: a rotary axis does not grow along its way", remedy="use axis_turn")
+            raise InputError(f"{self.key}: a rotary axis has no length that grows", remedy="use axis_turn")
         return effect
 
     @classmethod

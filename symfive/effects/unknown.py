@@ -28,7 +28,7 @@ class Unknown(NonparametricTerm):
     """Σ coefficient·function over the coordinates `over`: a shift of the tool, of an axis, or of a drive's force.
 
     A coordinate is an axis (`B`), its velocity (`B velocity`) or acceleration (`B acceleration`), the side from which it came
-    (`B velocity sign`), its way since it reversed (`B since reversal`, with the sign of the motion, in equal steps of its
+    (`B velocity sign`), its path since it reversed (`B since reversal`, with the sign of the motion, in equal steps of its
     logarithm down to `finest` of the longest), `t` (the campaign's clock, s) or `row` (the number of a row in the `run`, whose
     clock was not recorded).
     With a `period` (of an axis or of time, in its unit; 1σ `period_sigma`, 0: known and fixed) it is the phase in a cycle that

@@ -94,7 +94,7 @@ def relief_notes(plain: Identification, full: Identification) -> tuple[str, ...]
 
 
 def _setup(fit: Identification, worst: Tension) -> str:
-    """What a set-up may have wrong: an uncalibrated bar reads like a scale error of both axes of its circle."""
+    """What a set-up may have wrong: an uncalibrated bar looks like a scale error of both axes of its circle."""
     if worst.worst.name.endswith((".clock", ".clock_drift")):
         return "the angles or times of the recording (clock_sigma_ms in campaign.toml)"
     bar = any(has_bar(run) for run in fit.model.campaign.runs)

@@ -272,7 +272,7 @@ def _traced(before: Indices, i: int, row: int) -> dict[int, int]:
 
 
 def _parts(run: Run, rows: Sequence[int]) -> list[list[int]]:
-    """The rows, parted where one is missing and the next would seem approached from another side than the plan says: of a part's
+    """The rows, divided where one is missing and the next would seem approached from another side than the plan says: of a part's
     first row no side is assumed."""
     q = np.stack(list(run.commands.values()), axis=1)
     sides = np.stack([approach(column) for column in q.T], axis=1)

@@ -155,7 +155,7 @@ def _bspline(q: Symbol, unit: float, travel: tuple[float, float], order: int, kn
     # the integral of a B-spline is the width of its support over degree + 1 (C. de Boor 1978, X)
     means = (full[degree + 1 :] - full[:count]) / ((degree + 1) * (full[-1] - full[0]))
     values = _cox_de_boor(full, degree, ca.fmin(ca.fmax(q, full[0]), full[-1]))
-    # the functions sum to one, so after the mean is taken off one of them is redundant: the last is left out
+    # the functions sum to one, so without the mean one of them is redundant: the last is left out
     return [(f"S{i + 1}", values[i] - means[i]) for i in range(count - 1)]
 
 

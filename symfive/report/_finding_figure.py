@@ -120,7 +120,7 @@ def finding_figure(
     """Residual before and after over the finding's coordinate, with the effect's own line.
 
     `visible` run → (N, ny): the part of its contribution that the fit before could not take; `others` the same of all
-    other findings, which is taken off (the residual as it was stays in grey). The reading columns in which the effect
+    other findings, which is subtracted (the residual as it was stays in grey). The reading columns in which the effect
     is largest are drawn, at most three.
     """
     coordinates = coordinates_of(finding, diagnosis.after)

@@ -42,7 +42,7 @@ class Stated:
 
     @property
     def is_open(self) -> bool:
-        """Whether it is a phase that cannot be told."""
+        """Whether it is a phase that is not determined."""
         return math.isnan(self.value)
 
 

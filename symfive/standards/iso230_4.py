@@ -1,6 +1,6 @@
 """Circular tests (ISO 230-4): circular deviation G, bi-directional G(b), radial deviation F, mean radial deviation D.
 
-With d(φ) the radius read less the nominal one, the least-squares circle takes off its centre (a, b) and leaves
+With d(φ) the radius read less the nominal one, the least-squares circle removes its centre (a, b) and leaves
 e = d - a cos φ - b sin φ - (a sin φ - b cos φ)²/2R, the last one exactly and only where a bar is read; then
 
     G    = max e - min e                       one direction, its own centre
