@@ -54,11 +54,11 @@ def test_an_unknown_verb_or_option_is_a_usage_error(symfive):
 
 
 def test_as_a_program():
-    done = subprocess.run([sys.executable, "-m", "symfive", "assess", "absent"], capture_output=True, text=True)
+    done = subprocess.run([sys.executable, "-m", "symfive", "check", "absent"], capture_output=True, text=True)
     assert done.returncode == 2
     assert done.stdout == ""
     assert done.stderr.count("\n") == 1
-    assert "there is no such folder" in done.stderr
+    assert "there is no such file or folder" in done.stderr
 
 
 @pytest.mark.parametrize("verb", ["plan", "diagnose"])

@@ -124,26 +124,28 @@ def test_the_same_model_gives_the_same_bytes(tmp_path, target) -> None:
 # ---- wrapper and library
 
 
-@pytest.mark.parametrize("kind", ["Machine", "Batch"])
-def test_a_library_of_another_model_is_not_loaded(tmp_path, kind) -> None:
+def test_a_library_of_another_model_is_not_loaded(tmp_path) -> None:
     """Regenerated in the same folder: the library beside the wrapper is compiled anew, one that is named is refused."""
     needs("gcc")
     old, new = fitted(preset("table-bc")), fitted(preset("table-bc"), seed=1)
     codegen(old, tmp_path / "c")
-    run(sys.executable, "-c", f"import sf; sf.{kind}()", cwd=tmp_path / "c")
-    (library,) = (tmp_path / "c").glob("lib*.so")
-    stale = Path(shutil.copy(library, tmp_path / "stale.so"))
+    run(sys.executable, "-c", "import sf; sf.Machine(); sf.Batch()", cwd=tmp_path / "c")
+    libraries = list((tmp_path / "c").glob("lib*.so"))
+    stale = {path: Path(shutil.copy(path, tmp_path)) for path in libraries}
     codegen(new, tmp_path / "c", overwrite=True)
     module = loaded(tmp_path / "c" / "sf.py")
-    with pytest.raises(module.WrongLibrary, match="another model"):
-        getattr(module, kind)(stale)
-    made = getattr(module, kind)()
-    assert module.MODEL.encode() in library.read_bytes() != stale.read_bytes()
+    for kind in (module.Machine, module.Batch):
+        (one,) = (path for path in stale.values() if ("batch" in path.name) == (kind is module.Batch))
+        with pytest.raises(module.WrongLibrary, match="another model"):
+            kind(one)
+    machine, batch = module.Machine(), module.Batch()
+    for path, one in stale.items():
+        assert module.MODEL.encode() in path.read_bytes() != one.read_bytes()
     q = np.array([10.0, 20.0, 0.3, 0.4, 30.0])
     p = np.array([new.values[name] for name in module.PARAMETERS])
     wanted = np.asarray(subject_of("table-bc").function()(q, TOOL, p)[0], dtype=float)[:, 0]
-    found = made.forward(q, TOOL)[0] if kind == "Machine" else made.forward(q[None], TOOL, p)[0]
-    assert found == pytest.approx(wanted, abs=1e-9)
+    assert machine.forward(q, TOOL)[0] == pytest.approx(wanted, abs=1e-9)
+    assert batch.forward(q[None], TOOL, p)[0] == pytest.approx(wanted, abs=1e-9)
 
 
 def test_a_library_that_others_could_have_written_is_not_loaded(compiled, tmp_path, monkeypatch) -> None:
