@@ -289,7 +289,7 @@ def test_axes_without_an_address_have_a_plan_and_no_programs(
 
 def test_a_quill_that_no_test_needs_stands_still_inside_its_reach() -> None:
     """Its travel begins at 0: it rests off that end, as every linear axis keeps, and no block of the program moves it."""
-    six = preset("table-bc")
+    six = location_only("table-bc")
     quill = replace(six.axes["Z"], name="W", travel=(0.0, 150.0))
     machine = replace(six, structure=Structure.parse("w C' B' X' Y' b Z W t"), axes={**six.axes, "W": quill}, text="")
     made = plan(machine, points=4, setups=1, starts=1, prove=False, anywhere=False)

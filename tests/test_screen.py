@@ -20,7 +20,7 @@ NESTS = Path(__file__).parent / "data" / "campaigns" / "static-none" / "fit"
 
 @pytest.fixture(scope="module")
 def plan() -> Plan:
-    return sf.plan("table-bc", points=6, starts=1, anywhere=False, prove=False)
+    return sf.plan("table-bc", points=4, setups=1, starts=1, anywhere=False, prove=False)
 
 
 @pytest.fixture(scope="module")
@@ -98,7 +98,7 @@ def test_a_verb_says_what_it_wants(call):
 def test_verbs_take_paths_and_names(tmp_path, plan, fitted):
     assert sf.assess(str(NESTS)).rank == sf.assess(sf.read_campaign(NESTS)).rank
     write_machine(preset("table-bc"), tmp_path / "m.toml")
-    by_path = sf.plan(tmp_path / "m.toml", points=6, starts=1, anywhere=False, prove=False)
+    by_path = sf.plan(tmp_path / "m.toml", points=4, setups=1, starts=1, anywhere=False, prove=False)
     assert by_path.campaign.rows == plan.campaign.rows
     sf.write_model(sf.fitted_model(fitted), tmp_path / "model.json")
     by_path, by_thing = sf.predict(tmp_path, str(NESTS)), sf.predict(fitted, sf.read_campaign(NESTS))
