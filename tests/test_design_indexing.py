@@ -22,7 +22,7 @@ NOISE = 0.3
 
 @pytest.fixture(scope="module")
 def made() -> Plan:
-    options = {"points": 12, "starts": 1, "anywhere": False, "prove": False}
+    options = {"points": 8, "starts": 1, "anywhere": False, "prove": False}
     known = SetupSigma(tool_length=2.0)
     return plan(location_only("table-bc"), criterion="V", index=True, setup_sigma=known, **options)
 
