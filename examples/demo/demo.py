@@ -179,7 +179,7 @@ def main(arguments: list[str] | None = None) -> int:
     print(f"2 Plan: {len(campaign.runs)} runs, {campaign.rows} rows, {minutes:.0f} min of measuring")
     share = 100.0 * chosen.certificate.efficiency
     print(
-        f"  R-test poses: certified to reach {share:.1f} % of what the best {chosen.certificate.points} poses could tell"
+        f"  R-test poses: certified to reach {share:.1f} % of what the best {chosen.certificate.points} poses determine"
     )
     measured = simulate(campaign, seed=SEED)
     write_campaign(measured.campaign, folder / "measured", overwrite=True)
@@ -195,7 +195,7 @@ def main(arguments: list[str] | None = None) -> int:
 
     check = held_out(machine, measured.truth)
     prediction = predict(fitted_model(result), check)
-    print("5 Prediction of runs that the fit has not seen (their own set-up fitted)")
+    print("5 Prediction of runs that were not fitted (only their set-up is)")
     for run in check.runs:
         print(f"  {run.id}: rms {prediction.rms[run.id]:.3f} µm, noise {run.noise(run.instrument[0]):.3f} µm")
     save_prediction(prediction, check, folder / "predicted")

@@ -75,7 +75,8 @@ def _wave(identification: Identification, p: Parameter, sine: str, symbol: str) 
     std = length_spread(lambda v: math.hypot(*v), names, values, covariance)
     low, high = identification.interval(sine)
     factor = (high - low) / (2.0 * identification.uncertainty(sine)) if identification.uncertainty(sine) else 0.0
-    said, known = meaning(p, identification.model.machine), std < DETERMINED * p.sigma
+    said = meaning(p, identification.model.machine)
+    known = max(map(identification.uncertainty, names)) < DETERMINED * p.sigma
 
     def words(what: str) -> str:
         return _WAVE_WORDS.sub(f"{what} of order" if tail else what, said)
