@@ -22,8 +22,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from scipy.linalg import solve_triangular
-from scipy.special import gammaln, logsumexp, ndtr, ndtri
+import scipy  # its parts are loaded where they are used: of a static plan none is
 
 from symfive.arrays import Array
 from symfive.campaign import Campaign
@@ -157,20 +156,21 @@ class _Readings:
 
     def drawn(self, generator: np.random.Generator, count: int) -> list[Array]:
         """Draws from the prior within its bounds."""
-        low, high = ndtr(self.lower), ndtr(self.upper)
-        return list(ndtri(low + (high - low) * generator.random((count, len(self.sigma)))))
+        low, high = scipy.special.ndtr(self.lower), scipy.special.ndtr(self.upper)
+        return list(scipy.special.ndtri(low + (high - low) * generator.random((count, len(self.sigma)))))
 
     def log_prior(self, theta: Array) -> float:
         """Log of the prior density."""
         if np.any((theta < self.lower) | (theta > self.upper)):
             return -math.inf
-        share = ndtr(self.upper) - ndtr(self.lower)
+        share = scipy.special.ndtr(self.upper) - scipy.special.ndtr(self.lower)
         return -0.5 * float(np.sum(theta**2 + np.log(2.0 * math.pi * share**2)))
 
     def inner(self, a: Array, b: Array) -> Array:
         """aᵀ Σ⁻¹ b, Σ the covariance of noise and of what the other parameters add: of slopes (N, k) the information about θ, of
         slopes and a residual (N,) the slope of the log likelihood, of a residual -2 times that but for a constant."""
-        seen = [solve_triangular(self.factor, self.other.T @ each, lower=True) for each in ((a,) if b is a else (a, b))]
+        given = [self.other.T @ each for each in ((a,) if b is a else (a, b))]
+        seen = [scipy.linalg.solve_triangular(self.factor, each, lower=True) for each in given]
         return np.asarray(a.T @ b - seen[0].T @ seen[-1])
 
     def log_likelihood(self, residual: Array) -> float:
@@ -193,12 +193,12 @@ class _Student:
     def __init__(self, mode: Array, precision: Array) -> None:
         self._mode, self._root = mode, np.linalg.cholesky(precision)
         k = len(mode)
-        self._log = float(gammaln(0.5 * (FREEDOM + k)) - gammaln(0.5 * FREEDOM) + np.log(np.diag(self._root)).sum())
-        self._log -= 0.5 * k * math.log(FREEDOM * math.pi)
+        self._log = math.lgamma(0.5 * (FREEDOM + k)) - math.lgamma(0.5 * FREEDOM)
+        self._log += float(np.log(np.diag(self._root)).sum()) - 0.5 * k * math.log(FREEDOM * math.pi)
 
     def drawn(self, generator: np.random.Generator) -> Array:
         """One draw (k,)."""
-        z = solve_triangular(self._root.T, generator.standard_normal(len(self._mode)), lower=False)
+        z = scipy.linalg.solve_triangular(self._root.T, generator.standard_normal(len(self._mode)), lower=False)
         return np.asarray(self._mode + z / math.sqrt(generator.chisquare(FREEDOM) / FREEDOM))
 
     def log_density(self, theta: Array) -> float:
@@ -218,8 +218,8 @@ def _bounds(
         prior = readings.log_prior(theta)
         likelihood = _left(readings, theta, y)[0] if math.isfinite(prior) else 0.0
         weights.append(likelihood + prior - proposal.log_density(theta))
-    lower = own - float(logsumexp(weights)) + math.log(samples + 1)
-    upper = own - float(logsumexp(weights[1:])) + math.log(samples)
+    lower = own - float(scipy.special.logsumexp(weights)) + math.log(samples + 1)
+    upper = own - float(scipy.special.logsumexp(weights[1:])) + math.log(samples)
     return lower, upper
 
 
