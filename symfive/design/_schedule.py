@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 
@@ -76,9 +77,9 @@ def scheduled(
     space: Space, rows: Rows, *, returns: int, repeats: int, noise_um: float, index: bool = False,
     known: dict[tuple[str, bytes], list[Laid]] | None = None,
 ) -> Schedule:  # fmt: skip
-    """Both orders (round trip; there and back) are laid out and the one with more information per minute is taken; `index`: the
-    first pose of every run is read once more with the spindle turned by 180°; `known` keeps the runs that were laid out in
-    the same way for other designs that have them."""
+    """Every run is laid out in both orders (round trip; there and back); of the same order in all runs and of another one in
+    each the most information per minute decides. `index`: the first pose of every run is read once more with the spindle turned
+    by 180°; `known` keeps the runs that were laid out in the same way for other designs that have them."""
     known = {} if known is None else known
     nest = "nest" if space.options.get("frame", "workpiece") == "workpiece" else "head"
     letter = {"r_test": nest, "touch_probe": "sphere"}.get(space.instrument, "bar")
@@ -90,9 +91,19 @@ def scheduled(
             seated, orders = Seated(space, z, k), (lambda order: order, there_and_back)
             known[key] = [_laid_out(seated, key[0], order, returns, repeats, noise_um, index) for order in orders]
         runs.append(known[key])
-    plans = [_joined(space, rows, laid, repeats) for laid in zip(*runs, strict=True)]
-    # ψ of D per parameter falls by log(time) when twice the time is spent on readings, so time and efficiency compare
-    return max(plans, key=lambda p: math.log(max(p.drift, 1e-9)) - math.log(p.seconds))
+
+    @cache
+    def joined(chosen: tuple[int, ...]) -> Schedule:
+        return _joined(space, rows, [laid[order] for laid, order in zip(runs, chosen, strict=True)], repeats)
+
+    def rate(chosen: tuple[int, ...]) -> float:
+        # ψ of D per parameter falls by log(time) when twice the time is spent on readings, so time and efficiency compare
+        return math.log(max(joined(chosen).drift, 1e-9)) - math.log(joined(chosen).seconds)
+
+    best = max([(order,) * len(runs) for order in (0, 1)], key=rate)
+    for g in range(len(runs)):
+        best = max(best, (*best[:g], 1 - best[g], *best[g + 1 :]), key=rate)
+    return joined(best)
 
 
 def _laid_out(
