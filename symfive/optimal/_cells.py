@@ -26,7 +26,7 @@ from symfive.arrays import Array, Flags, Indices
 from symfive.optimal._spectrum import Spectrum
 
 Order = tuple[int, ...]
-NEGLECTED, WIDEST, MOST_FIRST = 4e-6, math.radians(20.0), 800_000
+NEGLECTED, WIDEST, MOST_FIRST = 4e-6, math.radians(20.0), 1_500_000
 """Share of the limit that the fifth derivatives add in a first cell, and most of these cells: one costs a twentieth of a cell
 that is halved later, so that a fine grid pays."""
 TINY = 1e-30
