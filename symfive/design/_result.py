@@ -11,7 +11,6 @@ from symfive.campaign import FIRST_LINE, Campaign
 from symfive.design._assess import Assessment, assessment_data
 from symfive.design._certificate import Certificate
 from symfive.design._digits import six_digits
-from symfive.design._figures import uncertainty_figure, worth_figure
 from symfive.design._part import Expected, Part
 from symfive.design._schedule import on_ways
 from symfive.design._sheet import Sheet
@@ -70,6 +69,8 @@ class Plan(Written):
         return replace(self, post=own, unsafe=unsafe, campaign=campaign, minutes=seconds / 60.0)
 
     def _write_into(self, folder: Path, nc: tuple[str, ...], post: Post | None) -> None:
+        from symfive.design._figures import svg, uncertainty_figure, worth_figure
+
         plan = self.driven(post)
         counts = f"{plan.certificate.points} poses, {plan.campaign.rows} readings with return poses"
         facts = f"{counts} · about {plan.minutes:.0f} min with set-up"
@@ -81,8 +82,8 @@ class Plan(Written):
             part=None if plan.part is None else plan.part.shown(),
         )  # fmt: skip
         write_plan(sheet, plan.to_data(), folder, nc)
-        write_text(folder / "figures" / "uncertainty.svg", uncertainty_figure(plan.assessment))
-        write_text(folder / "figures" / "worth.svg", worth_figure(plan.assessment.worth))
+        write_text(folder / "figures" / "uncertainty.svg", svg(uncertainty_figure(plan.assessment)))
+        write_text(folder / "figures" / "worth.svg", svg(worth_figure(plan.assessment.worth)))
 
     def __str__(self) -> str:
         poses = [len({*zip(*run.commands.values(), strict=True)}) for run in self.campaign.runs]

@@ -62,7 +62,7 @@ def setup_sheet(sheet: Sheet, pictures: Mapping[str, str], programs: Sequence[st
 
     campaign, nominal = sheet.campaign, Nominal(sheet.campaign.machine)
     own = (files("symfive.design") / "templates" / "sheet.css").read_text(encoding="utf-8")
-    drawn = {name: Markup(picture) for name, picture in pictures.items()}
+    drawn = {name: Markup(picture[picture.index("<svg") :]) for name, picture in pictures.items()}
     runs = [_run(sheet, nominal, run) | {"picture": drawn.get(run.id, "")} for run in campaign.runs]
     return templates("symfive.design").get_template("sheet.html").render(
         title=f"Set-up sheet: {campaign.machine.name}", style=Markup(PAGE_STYLE + own), script=Markup(SCRIPT),

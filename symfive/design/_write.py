@@ -12,7 +12,6 @@ import numpy as np
 from symfive.campaign import Campaign, Run, write_campaign_files
 from symfive.design._assess import Assessment
 from symfive.design._discriminate import Discrimination
-from symfive.design._figures import pose_figure
 from symfive.design._sheet import Sheet, setup_sheet
 from symfive.errors import InputError
 from symfive.instruments import has_post
@@ -82,9 +81,11 @@ def _write_files(sheet: Sheet, folder: Path, nc: tuple[str, ...]) -> None:
 
 def write_sheet(sheet: Sheet, folder: Path, nc: tuple[str, ...] = ()) -> None:
     """setup.html of any campaign and its pictures, a run each, into a folder that exists; `nc` dialects of its programs."""
+    from symfive.design._figures import pose_figure, svg
+
     machine = sheet.campaign.machine
     with_ball = [run for run in sheet.campaign.runs if has_post(run)]
-    pictures = {run.id: pose_figure(machine, _thinned(run)) for run in with_ball}
+    pictures = {run.id: svg(pose_figure(machine, _thinned(run))) for run in with_ball}
     for run, picture in pictures.items():
         write_text(folder / "figures" / f"poses-{run}.svg", picture)
     programs = [f"nc/{name}/*{DIALECTS[name].suffix}" for name in nc if name in DIALECTS]
