@@ -23,6 +23,8 @@ MOST = 5
 """Effects at once; how they vary does not count."""
 BEAM = 6
 """Subsets that are expanded side by side; the search ends when the best so many have been."""
+NOTHING = float(np.log(np.finfo(float).eps))
+"""Log of a share that changes no sum."""
 BIRTHS, SWAPS = 12, 4
 """Terms that are joined to a subset, and put in the place of one of its own, by the sweep's order."""
 
@@ -119,6 +121,12 @@ class _Search:
         energy = [WIDTHS[-1] ** 2 * float(self.moments.raw[at, at].sum()) for at in own]
         return {k for k, each in enumerate(energy) if each < NEGLIGIBLE}
 
+    @property
+    def least(self) -> float:
+        """Log mass below which a subset is not among the best that are expanded, nor has any weight beside them."""
+        best = sorted(self.mass.values())[-BEAM:]
+        return min(best[0] if len(best) == BEAM else -np.inf, best[-1] + NOTHING)
+
     def see(self, members: Iterable[Selected]) -> None:
         """Weigh a subset, unless it was."""
         subset = tuple(sorted(members))
@@ -170,7 +178,8 @@ class _Search:
         vector: while noise stands for the other, one alone may explain nothing."""
         free, widths, mass = self.sweep(subset)
         for k in np.argsort(-mass)[:most]:
-            self.see((*subset, (free[k], widths[k])))
+            if mass[k] > self.least:
+                self.see((*subset, (free[k], widths[k])))
         for pair in self.vectors:
             if set(pair) <= set(free) and len(subset) + 2 <= MOST:
                 self.see((*subset, *((t, WIDTHS[0]) for t in pair)))
