@@ -17,6 +17,8 @@ from symfive.runs import FIRST_LINE, Campaign, Run
 TINY, SLIP = 0.1, 10.0
 """Readings that scatter by less than this part of their noise; an axis faster than its max_feed by this factor (slips of
 units are 57, 60 and 1000)."""
+RESTED_S = 2.5
+"""Fifty time constants of a slow position loop (20 1/s): no recording on the move has its rows so far apart."""
 FAR_SIGMAS = 3.0
 """A sphere this far from where the file has it, in 1σ of set-up and machine together, stands elsewhere."""
 SOUGHT_MM = 10.0
@@ -31,7 +33,8 @@ def doubts(campaign: Campaign) -> tuple[str, ...]:
 
     A prior 1σ smaller than the noise (mm or rad instead of µm or µrad?); an axis commanded faster than it can go; a ball or
     nest beside the table; a ball bar or an R-test that would be beyond its stroke on the machine as the file has it; readings
-    beyond that stroke, or that hardly change (a wrong unit); a sphere that was found elsewhere.
+    beyond that stroke, or that hardly change (a wrong unit); a recording on the move whose rows are seconds apart; a sphere that
+    was found elsewhere.
     """
     return (*_small_priors(campaign), *(said for run in _begun(campaign) for said in _of_run(campaign.machine, run)))
 
@@ -174,6 +177,9 @@ def _small_priors(campaign: Campaign) -> Iterator[str]:
 
 
 def _of_run(machine: Machine, run: Run) -> Iterator[str]:
+    if run.dynamic and run.has_clock and run.interval > RESTED_S:
+        apart = f"recorded on the move, its rows are {plain_number(run.interval)} s apart"
+        yield f'run {run.id}: {apart}; t_s is in s; readings at standstill are sampling = "static"'
     for name in machine.axis_names if run.dynamic else ():
         axis, speed = machine.axes[name], run.fastest(run.commands[name])
         if axis.max_feed is not None and speed > SLIP * axis.max_feed:

@@ -103,6 +103,12 @@ def test_a_feed_beyond_the_axis():
     assert "is commanded at up to" in said[0] and "max_feed" in said[0]
 
 
+def test_milliseconds_as_seconds():
+    circles = read_campaign(CAMPAIGNS / "dynamic-none" / "fit")
+    (said,) = slipped(circles, time=circles.runs[0].time * 1e3)
+    assert "its rows are" in said and "t_s is in s" in said
+
+
 def test_a_prior_in_mm(bar):
     name, term = next(iter(bar.machine.errors.items()))
     machine = replace(bar.machine, errors={**bar.machine.errors, name: replace(term, sigma=term.sigma / 1e4)})
