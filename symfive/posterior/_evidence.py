@@ -99,12 +99,14 @@ class Equations:
         k, turn = kappa2[:, None], self.turn[own]
         half = np.linalg.inv(self.h / k[:, None] + np.eye(len(self.d))) @ turn.T
         x = np.einsum("jki,jk->ji", half, self.g / k - self.d)
-        spread = np.sqrt(np.einsum("ik,jki->ji", turn, half))
-        return np.asarray(bounded(self.lower[own], x, spread, np.sqrt(np.sum(turn**2, axis=1))).sum(axis=1))
+        variance = np.einsum("ik,jki->ji", turn, half)
+        return np.asarray(bounded(self.lower[own], x, variance, np.sqrt(np.sum(turn**2, axis=1))).sum(axis=1))
 
 
-def bounded(lower: Array, x: Array, spread: Array, prior: Array | float) -> Array:
-    """Log of the mass of N(x, spread²) above `lower`, over that of N(0, prior²)."""
+def bounded(lower: Array, x: Array, variance: Array, prior: Array | float) -> Array:
+    """Log of the mass of N(x, variance) above `lower`, over that of N(0, prior²). Rounding may leave a variance below nothing: no
+    amplitude is known better than to the last digit of its prior."""
+    spread = np.sqrt(np.maximum(variance, (np.finfo(float).eps * prior) ** 2))
     return np.asarray(log_ndtr((x - lower) / spread) - log_ndtr(-lower / prior))
 
 

@@ -161,15 +161,14 @@ class _Pairs:
         now, k, x = self.some(rows), kappa2[rows][:, None], x[rows]
         shrunk, cross = 1.0 / (now.power + k), np.swapaxes(now.cross, 1, 2)
         inverse = np.linalg.inv(now.gram - now.cross @ (shrunk[..., None] * cross) + k[:, None] * np.eye(x.shape[1]))
-        spread = np.sqrt(k * np.diagonal(inverse, axis1=1, axis2=2))
-        found[rows] = bounded(now.lower, x, spread, 1.0).sum(axis=1)
+        found[rows] = bounded(now.lower, x, k * np.diagonal(inverse, axis1=1, axis2=2), 1.0).sum(axis=1)
         if len(sides):
             y = shrunk * (now.base - k * now.d - (cross @ x[..., None])[..., 0])
             part = now.sides * shrunk[:, None]
             moved = part @ cross
-            spread = np.sqrt(k * (np.sum(part * now.sides, axis=2) + np.sum(moved @ inverse * moved, axis=2)))
+            variance = k * (np.sum(part * now.sides, axis=2) + np.sum(moved @ inverse * moved, axis=2))
             prior = np.sqrt(np.sum(now.sides**2, axis=2))
-            found[rows] += bounded(now.limits, (now.sides @ y[..., None])[..., 0], spread, prior).sum(axis=1)
+            found[rows] += bounded(now.limits, (now.sides @ y[..., None])[..., 0], variance, prior).sum(axis=1)
         return found
 
     def _scaled(self, scale: Array) -> _Pairs:
