@@ -22,7 +22,7 @@ def measured(folder: Path, seed: int) -> tuple[Campaign, dict[str, float]]:
     generator, plan = np.random.default_rng(seed), read_campaign(folder)
     table = tomllib.loads((folder / "machine.toml").read_text(encoding="utf-8"))
     expected = json.loads((folder / "plan.json").read_text())["expected"]
-    names = [name for name in expected if not name.startswith(("setup.", "latency.", "servo_mismatch."))]
+    names = [name for name in expected if not name.startswith(("setup.", "mounting.", "latency.", "servo_mismatch."))]
     truth = {name: float(expected[name]["prior_std"] * generator.standard_normal()) for name in names}
     for axis in table["axes"].values():
         axis["drive"]["position_gain"] *= 1.0 + 0.1 * generator.standard_normal()
@@ -31,9 +31,10 @@ def measured(folder: Path, seed: int) -> tuple[Campaign, dict[str, float]]:
         for component in {name.partition(".")[0] for name in names if "." in name}
     }
     location = {name: value for name, value in truth.items() if "." not in name}
-    runs = []
+    runs, setups = [], dict[str, dict[str, Any]]()
     for number, run in enumerate(plan.runs):
-        spec = {**_spec(run), "setup_um": _setup(run, generator)}
+        mounted = str(sorted(run.mounting.items()) or run.id)
+        spec = {**_spec(run), "setup_um": setups.setdefault(mounted, _setup(run, generator))}
         delay = {"effect": "latency", "delay_ms": 5.0 * generator.standard_normal()}
         own = 1000 * number + seed
         read = simulate_run(

@@ -1,10 +1,13 @@
 """What a circular test promises holds on a machine whose position gains are 10 % off, with slow noise."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from sweeps_world import measured
 
-from symfive.design import circular_test
+from symfive.campaign import read_campaign
+from symfive.design import assess, circular_test
 from symfive.identify import identify
 
 
@@ -26,6 +29,15 @@ def test_squareness_is_as_well_determined_as_promised(plan, seed):
     off = np.array([(found[name] - truth[name]) / sigma[name] for name in told])
     assert {"EC0X", "EB0Z"} <= set(told)
     assert np.sqrt(np.mean(off**2)) < 2.0 and np.abs(off).max() < 4.0
+
+
+def test_circles_about_one_ball_share_its_errors(plan):
+    """Nobody touches balls and bar between them, so their errors do not average out."""
+    made, folder = plan
+    assert {tuple(run.mounting.values()) for run in read_campaign(folder).runs} == {("1", "1", "1")}
+    anew = tuple(replace(run, mounting={}) for run in made.campaign.runs)
+    other = assess(replace(made.campaign, runs=anew), effects=made.effects, noise=made.noise).sigma
+    assert max(made.assessment.sigma[name] / size for name, size in other.items() if "setup" not in name) > 1.1
 
 
 def test_the_plan_says_with_what_to_identify(plan):
