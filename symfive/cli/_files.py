@@ -11,7 +11,6 @@ import click
 from symfive.cli import _common as cli
 from symfive.errors import InputError, among, inside
 from symfive.outputs import output_file, output_folder
-from symfive.screen import plural
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -214,6 +213,8 @@ def _import_runs(
 
 def _of_the_plan(plan: Campaign, path: Path, files: Sequence[Path], names: Sequence[str]) -> list[tuple[Path, Run]]:
     """Each file with its run: the one named, else the static ones in their order. Raises `InputError`."""
+    from symfive.screen import plural
+
     runs = {run.id: run for run in plan.runs}
     wanted = names or tuple(run.id for run in plan.runs if not run.dynamic)[: len(files)]
     if len(wanted) != len(files) or len(set(wanted)) < len(wanted):
