@@ -117,12 +117,6 @@ def test_whitening_is_the_exact_inverse_of_the_covariance(n, columns, noise):
     assert logs == pytest.approx(np.linalg.slogdet(covariance)[1], rel=1e-9)
 
 
-def test_what_never_changes_is_known_in_the_end():
-    """A correlation time beyond all recordings: φ is 1 to the last digit, and what is left after many rows is white."""
-    white, _ = whiten(np.full((500, 1), 4.0), Noise(0.3, 0.3, 1e18), 0.1)
-    assert np.all(np.diff(white[:64, 0]) < 0.0)
-
-
 def test_whitening_a_table_without_columns_leaves_it_empty():
     """A recording that is fitted without any parameter of its own."""
     white, logs = whiten(np.empty((1000, 2, 0)), Noise(0.3, 0.7, 2.0), 0.1)

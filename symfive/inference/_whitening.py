@@ -16,8 +16,6 @@ import numpy as np
 from symfive.arrays import Array
 
 TRANSIENT = 64
-DOUBLINGS = 64
-"""After 2^64 rows any filter is steady."""
 _BLOCK = 32
 _CACHED = 2**15
 
@@ -108,9 +106,7 @@ def steady_filter(phi: tuple[float, ...], power: float, white: float) -> SteadyF
     size = len(phi)
     one, f = np.eye(size), np.diag(phi)
     a, g, p = f, np.full((size, size), 1.0 / white), np.diag((1.0 - np.square(phi)) * power / size)
-    for _ in range(DOUBLINGS):
-        if np.abs(a).max() < 1e-18:
-            break
+    while np.abs(a).max() > 1e-18:
         inverse = np.linalg.inv(one + g @ p)
         a, g, p = a @ inverse @ a, g + a @ inverse @ g @ a.T, p + a.T @ p @ inverse @ a
     variance = float(p.sum()) + white
