@@ -101,15 +101,12 @@ def test_a_fit_settles_where_a_sum_is_known_and_its_parts_are_not():
 
 
 @pytest.mark.parametrize(("n", "columns"), [(1, 1), (31, 2), (50, 3), (33, 3), (2200, 1), (1025, 40), (70, 2000)])
-@pytest.mark.parametrize(
-    "noise", [Noise(0.3, 0.7, 2.0), Noise(0.3, 0.3, 5.0), Noise(0.01, 0.7, 0.05), Noise(0.3, 0.7, 2.0, decades=3)]
-)
+@pytest.mark.parametrize("noise", [Noise(0.3, 0.7, 2.0), Noise(0.3, 0.3, 5.0), Noise(0.01, 0.7, 0.05)])
 def test_whitening_is_the_exact_inverse_of_the_covariance(n, columns, noise):
     """Whole blocks, broken ones, several levels of them and several spans of rows."""
     interval = 0.1
     lags = np.abs(np.subtract.outer(np.arange(n), np.arange(n))) * interval
-    slow = np.mean([np.exp(-lags / noise.time_constant * 10.0**k) for k in range(noise.decades)], axis=0)
-    covariance = noise.coloured**2 * slow + noise.white**2 * np.eye(n)
+    covariance = noise.coloured**2 * np.exp(-lags / noise.time_constant) + noise.white**2 * np.eye(n)
     residual = np.random.default_rng(n).standard_normal((n, columns))
     white, logs = whiten(residual, noise, interval)
     wanted = residual.T @ np.linalg.solve(covariance, residual)

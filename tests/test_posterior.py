@@ -82,23 +82,6 @@ def test_bands_agree_with_exact_whitening_within_two_nats(rows: int) -> None:
         assert log == pytest.approx(exact_log, abs=4.0)  # of -2 log evidence
 
 
-def test_flicker_noise_is_more_probable_as_such_than_with_one_time() -> None:
-    rows, interval = 800, 0.05
-    nodes, lags = nodes_of(rows * interval), interval * np.arange(rows)
-    slow = next(node for node in nodes if node.size == 3.0 and node.decades > 1)
-    law = sum(
-        3.0 * np.exp(-lags / time) for time in slow.noise(1.0).times
-    )  # 3² in three parts, beside white noise of 1
-    drawn = np.linalg.cholesky(law[np.abs(np.subtract.outer(*[np.arange(rows)] * 2))] + np.eye(rows))
-    read = drawn @ np.random.default_rng(7).standard_normal(rows)
-
-    def log_likelihood(node) -> float:
-        white, logs = whiten(read[:, None], node.noise(1.0), interval)
-        return -0.5 * (float(np.sum(white**2)) + logs)
-
-    assert log_likelihood(slow) > max(log_likelihood(node) for node in nodes if node.decades == 1) + 10.0
-
-
 @pytest.mark.parametrize(("angles", "few"), [(240, False), (60, True)])
 def test_evidence_is_the_dense_marginal_likelihood(angles: int, few: bool) -> None:
     """Of white noise and one term, from the model's own derivatives and all priors at once; of more readings than columns, and of
