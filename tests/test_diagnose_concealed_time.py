@@ -92,21 +92,6 @@ def test_a_ball_that_creeps_in_its_holder_is_told_from_slow_noise(tmp_path):
     assert abs(said["creep_s"].value - 150.0) < 3.0 * said["creep_s"].std
 
 
-@pytest.mark.slow
-def test_a_nest_that_creeps_is_told_from_heat(tmp_path):
-    """Both have an onset and a time constant, but the nest turns with the table and heat does not."""
-    machine = plant.static_table()
-    runs = grid_runs(machine)
-    end = float(runs[1]["t_s"][-1])
-    creep = {
-        "effect": "setup_shift", "run": runs[1]["id"], "t_s": 0.5 * end, "form": "creep", "creep_s": 0.1 * end, "shift": [9.0, -6.0, 3.0],
-    }  # fmt: skip
-    found = diagnose(read_by_the_plant(tmp_path / "c", machine, runs, [creep]))
-    assert names_of(found) == [("setup_shift", None)] and found.findings[0].confidence > 0.9
-    said = found.findings[0].parameters
-    assert abs(said["creep_s"].value - 0.1 * end) < 3.0 * said["creep_s"].std
-
-
 @wrong("a shift of the set-up is named")
 @pytest.mark.slow
 def test_a_blow_on_the_machine_is_one_unknown_at_its_instant(tmp_path):

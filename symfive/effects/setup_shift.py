@@ -20,10 +20,6 @@ ARTEFACTS = ("table", "tool")
 SHAPES = ("step", "creep")
 MOST_PLACES = 150
 """Rows of a run that are scanned, evenly spread."""
-INSTANTS = 9
-"""At which a creep may begin in a run, a tenth of it apart: closer than its time constant can be resolved."""
-USUAL_CREEP = 0.3
-"""Time constant of a creep as a share of what is left of the run."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,8 +101,6 @@ class SetupShift(Rising):
             if run.rows >= 4 * margin and run.measured:
                 rows = np.arange(margin, run.rows - margin, max(1, run.rows // MOST_PLACES))
                 yield cls._scan(run, rows, campaign.rows)
-                if run.has_clock:
-                    yield cls._creeping(run)
 
     @classmethod
     def _scan(cls, run: Run, rows: Indices, places: int) -> Scan:
@@ -130,29 +124,12 @@ class SetupShift(Rising):
             channel=BALL, count=len(rows), courses=courses, form=form, run=run.id, finer=finer if apart else None
         )
 
-    @classmethod
-    def _creeping(cls, run: Run) -> Scan:
-        """Of a creep that begins at some instants of a run, from where its time constant is free."""
-        (begin, end), shares = run.course[[0, -1]], np.arange(1, INSTANTS + 1) / (INSTANTS + 1)
-        instants = begin + shares * (end - begin)
-
-        def form(k: int) -> Form:
-            return Form(
-                effect=cls(run=run.id, t_s=float(instants[k]), shape="creep", tag="creep"), places=INSTANTS, once=True
-            )
-
-        def courses(of: Run) -> Array:
-            late = np.maximum(of.course[:, None] - instants, 0.0) / (USUAL_CREEP * (end - instants))
-            return np.asarray((1.0 - np.exp(-late)) * (of.id == run.id))
-
-        return Scan(channel=BALL, count=INSTANTS, courses=courses, form=form, run=run.id)
-
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         found = [self.own(f"shift.{c}", "um", 10.0) for c in "xyz"]
         if self.shape == "creep":
             clock = np.concatenate([[self.t_s], *(run.time for run in filter(self.applies, campaign.runs))])
             begin, end = float(clock.min()), float(clock.max()) + 1e-3
-            tau = USUAL_CREEP * (end - self.t_s)
+            tau = 0.3 * (end - self.t_s)
             found.append(self.time_constant(tau, "creep_s"))
             found.append(self.own("t_s", "s", 0.25 * (end - begin), mean=self.t_s, lower=begin, upper=end))
         return tuple(found)
