@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from heapq import nlargest
 
 import numpy as np
 
@@ -124,8 +125,8 @@ class _Search:
     @property
     def least(self) -> float:
         """Log mass below which a subset is not among the best that are expanded, nor has any weight beside them."""
-        best = sorted(self.mass.values())[-BEAM:]
-        return min(best[0] if len(best) == BEAM else -np.inf, best[-1] + NOTHING)
+        best = nlargest(BEAM, self.mass.values())
+        return min(best[-1] if len(best) == BEAM else -np.inf, best[0] + NOTHING)
 
     def see(self, members: Iterable[Selected]) -> None:
         """Weigh a subset, unless it was."""
@@ -178,8 +179,9 @@ class _Search:
         vector: while noise stands for the other, one alone may explain nothing."""
         free, widths, mass = self.sweep(subset)
         for k in np.argsort(-mass)[:most]:
-            if mass[k] > self.least:
-                self.see((*subset, (free[k], widths[k])))
+            if not mass[k] > self.least:  # as all that follow
+                break
+            self.see((*subset, (free[k], widths[k])))
         for pair in self.vectors:
             if set(pair) <= set(free) and len(subset) + 2 <= MOST:
                 self.see((*subset, *((t, WIDTHS[0]) for t in pair)))
