@@ -51,7 +51,7 @@ def unreadable(campaign: Campaign) -> tuple[str, str] | None:
             if 1e-3 * float(np.max(np.abs(away))) > 2.0 * stroke:
                 remedy = "no machine does that; or give the true stroke under [workspace] in the machine file"
                 return _beyond(run, instrument, away, stroke), remedy
-            if instrument.probes and (far := _largest(machine, run, instrument)) > SOUGHT_MM:
+            if instrument.probes and (far := _read(machine, run, instrument)[1]) > SOUGHT_MM:
                 return _astray(run, far)
         if said := _another_path(machine, run):
             return said
@@ -133,10 +133,10 @@ def _away(machine: Machine, run: Run, instrument: BallInstrument) -> Array:
     return np.asarray(1e3 * instrument.designed(run, away))
 
 
-def _largest(machine: Machine, run: Run, instrument: BallInstrument) -> float:
-    """The largest reading, mm."""
-    columns = [column.name for column in instrument.columns(run, machine)]
-    return 1e-3 * max(float(np.max(np.abs(run.readings[name]))) for name in columns)
+def _read(machine: Machine, run: Run, instrument: BallInstrument) -> tuple[Array, float]:
+    """The readings (N, columns), µm, and the largest of them, mm."""
+    read = np.stack([run.readings[column.name] for column in instrument.columns(run, machine)], axis=1)
+    return read, 1e-3 * float(np.max(np.abs(read)))
 
 
 def _astray(run: Run, far: float) -> tuple[str, str]:
@@ -236,9 +236,7 @@ def _of_stroke(machine: Machine, run: Run, instrument: BallInstrument) -> Iterat
         return
     if not run.measured:
         return
-    columns = [column.name for column in instrument.columns(run, machine)]
-    readings = np.stack([run.readings[name] for name in columns], axis=1)
-    largest = _largest(machine, run, instrument)
+    readings, largest = _read(machine, run, instrument)
     if largest > 2.0 * stroke:
         if instrument.probes:
             yield "; ".join(_astray(run, largest))

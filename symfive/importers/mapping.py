@@ -14,7 +14,7 @@ import numpy as np
 from symfive.arrays import Array
 from symfive.errors import InputError
 from symfive.files import shown
-from symfive.importers.table import Table
+from symfive.importers.table import Table, check_time
 from symfive.machine import Machine
 
 SCALES = {
@@ -169,10 +169,7 @@ def taken(table: Table, found: Sequence[Meaning], machine: Machine, axis: str = 
         )
         for name in names
     }
-    at = columns["time"][:, 0] if "time" in columns else np.zeros(0)
-    if len(back := np.flatnonzero(np.diff(at) <= 0.0)):
-        row = int(back[0])
-        problem = f"the time does not increase: {at[row + 1]:.10g} s after {at[row]:.10g} s"
+    if "time" in columns:
         remedy = "put the rows in order of time, each instant once; import one recording per file"
-        raise InputError(problem, path=table.path, line=table.lines[row + 1], remedy=remedy)
+        check_time(columns["time"][:, 0], table.path, table.lines, remedy)
     return columns

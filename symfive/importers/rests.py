@@ -21,6 +21,7 @@ from symfive.campaign import FIRST_LINE, Run
 from symfive.errors import InputError, among, inside
 from symfive.files import read_text, shown
 from symfive.importers.split import piece_of
+from symfive.importers.table import check_time
 from symfive.instruments import columns_of, instruments_of
 from symfive.machine import Machine
 from symfive.motion import approach
@@ -152,10 +153,7 @@ def read_recording(
         if name not in ("t", "-")
     }
     time = table[list(columns).index("t")]
-    if len(back := np.flatnonzero(np.diff(time) <= 0.0)):
-        row = int(back[0])
-        problem = f"the time does not increase: {time[row + 1]:.10g} s after {time[row]:.10g} s"
-        raise InputError(problem, path=path, line=lines[row + 1], remedy="record one run at a time")
+    check_time(time, path, lines, "record one run at a time")
     return time, found
 
 

@@ -8,7 +8,7 @@ read as seconds.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
@@ -96,6 +96,14 @@ def read_table(path: Path | str) -> Table:
     head = f"{plural(first, 'line')} of head" if first else "no head"
     guessed = f"{encoding}, {SIGNS[sign]}, decimal {decimal}, {head}"
     return Table(path, names, units, np.array(rows), tuple(numbers), guessed, texts)
+
+
+def check_time(time: Array, path: Path, lines: Sequence[int], remedy: str) -> None:
+    """Raise `InputError` where the time (N,), s, of rows on these lines of a file does not increase."""
+    if len(back := np.flatnonzero(np.diff(time) <= 0.0)):
+        row = int(back[0])
+        problem = f"the time does not increase: {time[row + 1]:.10g} s after {time[row]:.10g} s"
+        raise InputError(problem, path=path, line=lines[row + 1], remedy=remedy)
 
 
 def _decoded(path: Path) -> tuple[str, str]:
