@@ -96,7 +96,7 @@ def _mixed(parts: Sequence[tuple[Posterior, float]]) -> dict[Subset, float]:
 
 def contradicted(after: Identification, node: Node, kappa2: float) -> float:
     """The energy that a fit leaves in runs beyond what the model without its effects, under the same noise, leaves in them: these
-    are not what acts there. What chance makes of it is taken off.
+    are not what acts there. What chance makes of it is subtracted.
 
     Where the effects are the truth, a run gains N(-d², 4d²) by them, d² the energy of what they change in it; the positive part
     of that is 2d·φ(d/2) - d²·Φ(-d/2) on average.

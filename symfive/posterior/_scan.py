@@ -4,7 +4,7 @@ With the whitened columns X of one place (a channel's tangent times a course alo
 
     Δ = sᵀ(H + w⁻²)⁻¹s - log|w²H + 1|,   H = XᵀX - XᵀJ(JᵀJ + 1)⁻¹JᵀX,   s = Xᵀr - XᵀJ(JᵀJ + 1)⁻¹(Jᵀr - δ),
 
-is what it takes off the cost (C. R. Rao 1948) at the best of the widths w of its prior. Sines over a coordinate are scored on a
+is what it lowers the cost by (C. R. Rao 1948) at the best of the widths w of its prior. Sines over a coordinate are scored on a
 whole grid of frequencies by one FFT of the twice whitened residual's answer, as if nothing were fitted beside them; between the
 highest the first part of Δ decides (M. Zechmeister & M. Kürster 2009). The best places become forms; what they are worth, the
 moments say.
@@ -184,7 +184,7 @@ def _gain(h: Array, s: Array, width: float) -> Array:
 
 
 def _drop(h: Array, s: Array, width: float) -> Array:
-    """What it takes off the cost (places,)."""
+    """What it lowers the cost by (places,)."""
     solved = np.linalg.solve(h + width**-2.0 * np.eye(h.shape[-1]), s[:, :, None])
     return np.asarray(np.sum(s * solved[:, :, 0], axis=1))
 

@@ -168,7 +168,7 @@ def compressed(
     model: Model, lines: Mapping[str, Linearisation], bases: Sequence[tuple[Array, int]],
     scaled: Callable[[Run, Array], Array], forms: Sequence[Form],
 ) -> list[Compressed]:  # fmt: skip
-    """Each form in the directions of largest information under white noise, what set-up and geometry absorb taken off.
+    """Each form in the directions of largest information under white noise, what set-up and geometry absorb removed.
 
     `bases` holds of every run the whitened set-up and geometry (N, ny, s + g) and s.
     """
