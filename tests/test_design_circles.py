@@ -1,6 +1,7 @@
 """Circles: paths as the procedures make them, exact derivatives, and a refinement that is never worse than the list."""
 
 import functools
+import itertools
 import json
 import re
 from collections.abc import Callable
@@ -185,6 +186,24 @@ def test_planar_circles_with_a_direction_to_choose(tmp_path: Path) -> None:
     assert data["expected"]["backlash.X.width"]["std"] < data["expected"]["backlash.X.width"]["prior_std"]
     assert read_campaign(tmp_path / "plan").rows == found.campaign.rows
     assert "circles of" in str(found)
+
+
+def test_circles_about_one_ball_follow_each_other() -> None:
+    centres = [(0.0, 0.0, 80.0), (40.0, 0.0, 80.0)]
+    options = {"centres": centres, "feeds": (500.0, 1000.0, 4000.0), "rate_hz": 10.0, "refine": False}
+    found = plan_circles(LEAN, OF_X, family="planar", count=4, **options)
+    stand = [(run.table_ball, run.mounting["table_ball"]) for run in found.campaign.runs]
+    assert len(stand) == 8 and len(set(stand)) == len(list(itertools.groupby(stand))) == 2
+
+
+def test_a_ball_that_stays_has_one_error_and_creeps() -> None:
+    """Its error does not average out over four circles, and what it may creep by hides a play from both directions."""
+    options = {"ratios": (0.8, 1.2), "feeds": (1000.0,), "rate_hz": 10.0, "refine": False}
+    found = plan_circles(LEAN, DRIVE, count=4, **options)
+    runs = tuple(replace(run, mounting={}) for run in found.campaign.runs)
+    promised, anew = found.assessment.sigma, design.assess(replace(found.campaign, runs=runs), effects=DRIVE).sigma
+    assert promised["EX0C"] > 2.0 * anew["EX0C"]
+    assert promised["backlash.C.width"] == pytest.approx(anew["backlash.C.width"], rel=0.1)
 
 
 def test_an_axis_that_stands_still_limits_no_circle() -> None:

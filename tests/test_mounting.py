@@ -45,6 +45,22 @@ def concealed(folder: Path, seed: int = 0, *, said: bool = True, stayed: bool = 
     return campaign if said else replace(campaign, runs=tuple(replace(run, mounting={}) for run in campaign.runs))
 
 
+def test_a_plan_expects_a_mounting_to_creep_by_1_um_from_run_to_run(tmp_path: Path) -> None:
+    """Against the covariance of all readings together: noise, and the creep of the ball of each run."""
+    campaign = concealed(tmp_path / "c")
+    model = Model(campaign)
+    precision = np.diag(model.prior_sigma**-2.0)
+    balls = [i for i, p in enumerate(model.parameters) if "tool_ball" in p.name]
+    for run in campaign.runs:
+        line = model.linearise(run, model.start)
+        slopes = np.zeros((line.prediction.size, len(model.parameters)))
+        slopes[:, line.columns] = line.jacobian.reshape(line.prediction.size, -1)
+        noise = np.diag(np.broadcast_to(model.noise(run) ** 2, line.prediction.shape).ravel())
+        precision += slopes.T @ np.linalg.solve(noise + slopes[:, balls] @ slopes[:, balls].T, slopes)
+    expected = np.sqrt(np.diag(np.linalg.inv(precision)))
+    np.testing.assert_allclose(list(assess(campaign).sigma.values()), expected, rtol=1e-6)
+
+
 def test_runs_of_a_mounting_have_one_error_of_it_with_exact_slopes(tmp_path: Path) -> None:
     model = Model(concealed(tmp_path / "c"))
     names = [p.name for p in model.parameters if "tool_ball" in p.name]

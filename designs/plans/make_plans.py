@@ -22,6 +22,7 @@ from symfive.outputs import MANIFEST, write_json
 from symfive.procedures import (
     campaign_of,
     cone_circle,
+    left_in_place,
     planar_circle,
     r_test_grid,
     rotary_circle,
@@ -142,7 +143,7 @@ def own(wanted: Collection[str]) -> None:
         made = [
             replace(run, id=f"{i + 1}-{run.id}", file=f"{i + 1}-{run.id}.csv") for i, run in enumerate(runs(machine))
         ]
-        campaign = campaign_of(machine, made, name)
+        campaign = campaign_of(machine, [*left_in_place(made)], name)
         write_campaign(campaign, emptied(name))
         found = assess(campaign)
         write_json(HERE / name / "assessment.json", assessment_data(found))

@@ -52,7 +52,7 @@ class CircleCertificate:
         cost = "in the same recording time" if self.per_minute else "in as many runs"
         return (
             f"efficiency ≥ {share} {cost} over {self.candidates} candidate circles of these radii and planes, feeds "
-            f"{low:g} to {high:g} mm/min (searched over a dense set, not proved)"
+            f"{low:g} to {high:g} mm/min, set-up errors new in every run (searched over a dense set, not proved)"
         )
 
     def to_data(self) -> dict[str, Any]:

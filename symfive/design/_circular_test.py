@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ from symfive.inference import Noise
 from symfive.machine import Machine
 from symfive.model import effect_to_data
 from symfive.nc import Post
-from symfive.procedures import campaign_of, planar_circle
+from symfive.procedures import campaign_of, left_in_place, planar_circle
 from symfive.screen import listed
 from symfive.threads import one_thread
 
@@ -95,19 +95,10 @@ def circular_test(
             noise_um=noise_um,
         )
     ]  # fmt: skip
-    campaign = campaign_of(machine, [*_mounted(runs)], "circular test")
+    campaign = campaign_of(machine, [*left_in_place(runs)], "circular test")
     effects = nuisances(machine, delay=False)
     expected = assess(campaign, effects=effects, noise=noise)
     return CircularTest(campaign, effects, noise, expected, tuple(_notes(machine, runs)))
-
-
-def _mounted(runs: Sequence[Run]) -> Iterable[Run]:
-    """The runs, each with the mounting of the one before it if balls and bar stand as there: nobody touches them in between."""
-    number, before = 0, None
-    for run in runs:
-        stands = run.table_ball, run.tool_ball, run.length
-        number, before = number + (stands != before), stands
-        yield replace(run, mounting=dict.fromkeys(("table_ball", "tool_ball", "length"), f"{number}"))
 
 
 def _notes(machine: Machine, runs: Sequence[Run]) -> Iterable[str]:

@@ -3,9 +3,10 @@
 A synchronous circle (rotary and linear axis together, paper 3) has a radius r, a distance X_T of its centre from the rotary
 axis, a feed, a height and a direction. Near X_T/r = 1 the rotary axis must turn at F/|X_T - r|, so the drives' lag is seen well
 there, up to the axis' limits; a backlash is seen only where the axis reverses, which needs X_T > r. A planar circle has a
-centre, a radius and a feed. The information of a run with its set-up errors marginalised adds to that of the others, so
-circles are chosen like poses (greedy and exchange), the chosen ones refined together (`_refine_circles`) and compared with a
-dense set of circles at the same cost (`_circle_certificate`).
+centre, a radius and a feed. Balls and bar stay mounted from run to run, but may creep: circles are chosen as if every run had
+set-up errors of its own. Its information with these marginalised adds to that of the others, so circles are chosen like poses
+(greedy and exchange), the chosen ones refined together (`_refine_circles`) and compared with a dense set of circles at the same
+cost (`_circle_certificate`).
 """
 
 from __future__ import annotations
@@ -46,7 +47,7 @@ from symfive.model import Model
 from symfive.nc import Post
 from symfive.optimal import criterion_of
 from symfive.parameters import Parameter
-from symfive.procedures import PLANES, campaign_of, circle_frame, heights, senses
+from symfive.procedures import PLANES, campaign_of, circle_frame, heights, left_in_place, senses
 from symfive.screen import listed, plural
 from symfive.threads import one_thread
 
@@ -166,13 +167,15 @@ def plan_circles(
             notes.append(str(error))
         else:
             best = _kept(machine, effects, goal, chosen, refined_shapes(objective), noise_um, rate_hz, extra)
+    best = _by_mounting(best)
     most = {"feed": fastest(machine) or math.inf, "ratio": farthest(machine) / min(radii)}
     notes += [*limit_words(machine, best), *list_end_words(best, shapes, most)]
     found = _plan_of(machine, model, goal, effects, circles, chosen, best, notes)
     if not certify:
         return found
     certificate = certify_circles(machine, effects, goal, best, circles, noise_um=noise_um, rate_hz=rate_hz)
-    information = expected_information(found.campaign, effects, for_=wanted)
+    own = tuple(replace(run, mounting={}) for run in found.campaign.runs)
+    information = expected_information(replace(found.campaign, runs=own), effects, for_=wanted)
     return replace(found, certificate=certificate, information=information)
 
 
@@ -300,6 +303,12 @@ def _kept(
     return found if goal.value(found) < goal.value(chosen) - LEAST_GAIN else chosen
 
 
+def _by_mounting(circles: Sequence[Circle]) -> list[Circle]:
+    """The circles, those with balls and bar alike one after another, so that these can stay."""
+    stand = [(circle.runs[0].table_ball, circle.runs[0].tool_ball, circle.runs[0].length) for circle in circles]
+    return [circles[i] for i in sorted(range(len(circles)), key=lambda i: stand.index(stand[i]))]
+
+
 def _plan_of(
     machine: Machine, model: Model, goal: Goal, effects: Sequence[Effect], circles: Sequence[Circle],
     chosen: list[Circle], best: list[Circle], notes: Sequence[str],
@@ -314,7 +323,7 @@ def _plan_of(
         for i, circle in enumerate(best)
         for run in circle.runs
     ]
-    campaign = campaign_of(machine, runs, "circles")
+    campaign = campaign_of(machine, [*left_in_place(runs)], "circles")
     warnings = [*warnings_of(best, effects, sought, sigma), *slow_noise_words(campaign, effects, sought)]
     return CirclePlan(
         campaign=campaign, circles=tuple(best), sigma=sigma, considered=tuple(circles),

@@ -123,12 +123,14 @@ def _carried(nominal: Nominal, run: Run, turning: Sequence[str], bar: Array) -> 
 
 
 def mounted_before(runs: Sequence[Run], run: Run) -> Run | None:
-    """The first of the earlier runs whose ball, tool and bar stand as in this one; None where it is a new mounting."""
-    mounting = (run.table_ball, run.tool_ball, run.length)
-    for earlier in runs[: [r.id for r in runs].index(run.id)]:
-        if (earlier.table_ball, earlier.tool_ball, earlier.length) == mounting:
-            return earlier
-    return None
+    """The first of the earlier runs whose ball, tool and bar stand as in this one; of a recording only those right before it, in
+    which nothing was taken away since. None where it is a new mounting."""
+    earlier = list(runs[: [r.id for r in runs].index(run.id)])
+    alike = [(e.table_ball, e.tool_ball, e.length) == (run.table_ball, run.tool_ball, run.length) for e in earlier]
+    if run.dynamic and False in alike:
+        last = len(alike) - alike[::-1].index(False)
+        earlier, alike = earlier[last:], alike[last:]
+    return next((e for e, same in zip(earlier, alike, strict=True) if same), None)
 
 
 def pose_table(campaign: Campaign, run: Run, post: Post) -> dict[str, Any]:

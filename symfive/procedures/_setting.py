@@ -3,7 +3,7 @@ travels."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +12,7 @@ from symfive.arrays import Array
 from symfive.campaign import Campaign, Run, SetupSigma
 from symfive.errors import InputError, among
 from symfive.machine import Axis, Machine
+from symfive.runs import MOUNTED
 
 Vector = tuple[float, float, float]
 BALL_SETUP = SetupSigma()
@@ -127,6 +128,16 @@ def one_after_another(runs: Sequence[Run], *, pause_s: float = PAUSE_S) -> tuple
         laid.append(replace(run, start_s=clock))
         clock += run.duration + pause_s
     return tuple(laid)
+
+
+def left_in_place(runs: Iterable[Run]) -> Iterator[Run]:
+    """The runs, every recording of a ball bar with the mounting of the run before it if balls and bar stand as there: nobody
+    touches them in between, so that their set-up errors are the same."""
+    number, before = 0, None
+    for run in runs:
+        stands = (run.table_ball, run.tool_ball, run.length) if run.dynamic and run.length is not None else None
+        number, before = number + (stands != before), stands
+        yield run if stands is None else replace(run, mounting=dict.fromkeys(MOUNTED, f"{number}"))
 
 
 def campaign_of(machine: Machine, runs: Sequence[Run], name: str = "plan", *, pause_s: float = PAUSE_S) -> Campaign:
