@@ -8,7 +8,7 @@ import pytest
 
 from symfive.campaign import Run, read_campaign, write_campaign
 from symfive.errors import InputError
-from symfive.machine import ErrorTerm, Machine, preset, presets
+from symfive.machine import preset, presets
 from symfive.model import Model
 from symfive.procedures import (
     Nominal,
@@ -16,7 +16,6 @@ from symfive.procedures import (
     checked,
     cone_circle,
     followed,
-    grid_encoder_lines,
     linear_positioning,
     planar_circle,
     r_test_grid,
@@ -29,8 +28,7 @@ from symfive.procedures import (
 SHARED = Path(__file__).parent / "data" / "campaigns"
 PROCEDURES = {
     r_test_grid: ("r_test",), static_ball_bar: ("ball_bar",), rotary_circle: ("ball_bar",), synchronous_circle: ("ball_bar",),
-    cone_circle: ("ball_bar",), planar_circle: ("ball_bar",), grid_encoder_lines: ("grid_encoder",),
-    linear_positioning: ("laser",),
+    cone_circle: ("ball_bar",), planar_circle: ("ball_bar",), linear_positioning: ("laser",),
 }  # fmt: skip
 """Each procedure and the instrument of its runs."""
 LACKING = [("three-axis", r_test_grid), ("three-axis", static_ball_bar), ("three-axis", rotary_circle),
@@ -170,60 +168,12 @@ def test_ball_bar_along_given_directions():
      (synchronous_circle, {"x_t": float("inf")}, "centre"),
      (linear_positioning, {"axis": "C"}, "linear axis"),
      (linear_positioning, {"targets": [0.0, -1.0]}, "ascend"),
-     (linear_positioning, {"targets": [-299.0, 0.0, 299.0]}, "travel"),
-     (grid_encoder_lines, {"offsets": [(0, 0), (10, 10), (20, 20)]}, "one plane"),
-     (grid_encoder_lines, {"offsets": [(0, 0), (100, 0), (0, 100)]}, "roll"),
-     (grid_encoder_lines, {"reach": (0.0, 1.0)}, "fit"),
-     (grid_encoder_lines, {"axis": "B"}, "linear axis")],
+     (linear_positioning, {"targets": [-299.0, 0.0, 299.0]}, "travel")],
 )  # fmt: skip
 def test_impossible_plans(make, options, said):
     with pytest.raises(InputError, match=said) as caught:
         make(preset("table-bc"), **options)
     assert caught.value.remedy and "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize(("x", "spacing", "condition"), [(0.0, 200.0, 3.7), (300.0, 200.0, 9.4), (0.0, 100.0, 6.3)])
-def test_paper_1_condition_of_the_six_readings(x, spacing, condition):
-    """SEEDS on (10): angles scaled by 200 mm; lines (0, 0), (0, s), (s, 0)."""
-    machine = preset("wang-li-2016")
-    errors = {f"E{c}X": ErrorTerm(name=f"E{c}X", sigma=1.0, basis=("polynomial",), order=(1,)) for c in "XYZABC"}
-    machine = Machine(
-        name="X only", structure=machine.structure, axes=machine.axes, errors=errors, workspace=machine.workspace
-    )
-    offsets = ((0.0, 0.0), (0.0, spacing), (spacing, 0.0))
-    runs = grid_encoder_lines(
-        machine, offsets=offsets, centre=(0, 0, 0), reach=(-300.0, 300.0), pitch=100.0, both_ways=False
-    )
-    moved = 300.0 if x == 0.0 else x  # at x = 0 the Legendre function P1 is 0, so shift the lever instead
-    model = Model(campaign_of(machine, runs))
-    matrix = []
-    for run, kept in zip(runs, ((0, 1), (1,), (0, 1), (0,)), strict=True):
-        linear = model.linearise(run.id, model.start)
-        row = int(np.flatnonzero(run.commands["X"] == moved)[0])
-        names = [model.parameters[i].name for i in linear.columns]
-        columns = [names.index(f"E{c}X.P1") for c in "XYZABC"]
-        part = linear.jacobian[row][:, columns][list(kept)]
-        part[:, 3:] *= 1000.0 / 200.0  # µm per µrad → per radian at 200 mm
-        matrix.append(part)
-    stacked = np.vstack(matrix)
-    if x == 0.0:  # take off the lever x of EB on dz and EC on dy
-        stacked[:, 4] -= np.where(np.abs(stacked[:, 2]) > 0.5, stacked[:, 4], 0.0)
-        stacked[:, 5] -= np.where(np.abs(stacked[:, 1]) > 0.5, stacked[:, 5], 0.0)
-    assert np.linalg.matrix_rank(stacked) == 6
-    assert np.linalg.cond(stacked) == pytest.approx(condition, abs=0.1)
-
-
-@pytest.mark.parametrize("name", ["three-axis", "tsutsumi-2007", "head-bc"])
-@pytest.mark.parametrize("axis", ["X", "Y", "Z"])
-def test_only_the_axis_moves_along_its_line(name, axis):
-    machine = preset(name)
-    for run in grid_encoder_lines(machine, axis=axis, pitch=50.0, offsets=((0, 0), (0, 60), (60, 0))):
-        assert all(np.ptp(run.commands[n]) == 0.0 for n in machine.axes if n != axis)
-        d = Nominal(machine).ball(run.commands, run.tool_ball)
-        moved = "XYZ".index(axis)
-        assert np.ptp(d[:, moved] - run.commands[axis]) < 1e-9
-        assert np.abs(np.delete(d - run.table_ball, moved, axis=1)).max() < 1e-9
-        assert run.u == tuple(np.eye(3)[moved]) and np.dot(run.u, run.v) == 0.0
 
 
 def test_laser_targets_after_iso_230_2():

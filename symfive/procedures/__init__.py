@@ -5,7 +5,6 @@ Every procedure is a function of a machine (and options with sensible defaults) 
 """
 
 from symfive.procedures._cone_circle import cone_circle
-from symfive.procedures._grid_encoder_lines import grid_encoder_lines
 from symfive.procedures._limits import checked, followed, within_travel
 from symfive.procedures._linear_positioning import linear_positioning
 from symfive.procedures._nominal import Nominal
@@ -33,7 +32,7 @@ from symfive.procedures._synchronous_circle import (
 
 __all__ = [
     "DIRECTIONS", "DWELL_S", "FEED_IN_MM", "PAUSE_S", "PLANES", "CircleFrame", "Nominal", "campaign_of", "checked",
-    "circle_frame", "cone_circle", "feed_in", "followed", "frame_within_travel", "grid_encoder_lines", "heights", "left_in_place",
+    "circle_frame", "cone_circle", "feed_in", "followed", "frame_within_travel", "heights", "left_in_place",
     "linear_positioning", "one_after_another", "planar_circle", "polar_angle", "r_test_grid", "ramp_of", "rotary_circle",
     "senses", "serpentine", "static_ball_bar", "synchronous_circle", "through", "tool_ball_of", "within_travel",
 ]  # fmt: skip
