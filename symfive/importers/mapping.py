@@ -112,8 +112,7 @@ def meanings(table: Table, machine: Machine, entries: Sequence[str], axis: str =
     ]
     found = tuple(sorted([*said, *guesses], key=lambda m: m.column))
     for m in found:
-        if m.column in table.texts:
-            raise table.texts[m.column]
+        table.values(m.column)
     _check_units(table, machine, found, axis)
     return found
 

@@ -19,12 +19,11 @@ import numpy as np
 from symfive.arrays import Array
 from symfive.campaign import Run, SetupSigma
 from symfive.errors import InputError, among
-from symfive.files import read_text, shown
 from symfive.importers.split import rows_of
+from symfive.importers.table import read_table
 from symfive.machine import Machine
 from symfive.procedures import PLANES, Nominal, tool_ball_of, within_travel
 from symfive.screen import plural
-from symfive.separated import SIGNS, Marks, cells_of, signs_of
 
 UNITS = {"um": 1.0, "mm": 1e3}
 EVEN = 0.05
@@ -34,12 +33,8 @@ MOVES_MM = 1e-6
 """An axis that moves less on a circle stands still."""
 ROUND_MM = 1e-3
 """By how much the radius of a planned circle may vary."""
-MAX_BYTES = 5_000_000
 NEAR = 0.02
 """Numbers that are so near to the radius are lengths, not deviations."""
-MOST = 1e12
-"""A number from there on is no reading."""
-MOST_COLUMNS = 12
 COLUMNS = ("angle", "deviation")
 DIRECTIONS = ("ccw", "cw")
 MM_IN = 25.4
@@ -62,14 +57,11 @@ ZERO = 0.1
 def read_polar(
     path: Path | str, *, unit: str = "um", columns: Sequence[str] = COLUMNS, direction: str | None = None
 ) -> tuple[Array, Array]:
-    """Angle (N,) in degree and deviation (N,) in µm from columns of a text file.
+    """Angle (N,) in degree and deviation (N,) in µm from columns of a text file (`read_table`).
 
-    Columns are separated by comma, semicolon, tab or spaces (with any but the comma, decimal commas are read
-    too); lines before the first row of numbers are the header. `columns` names those of the file in order: `angle`,
-    `deviation`, and anything else for a column that is not needed. `unit` of the deviation in the file: `um` or `mm`.
-    `direction` `ccw` or `cw` if the file sorts the angles whatever the direction of the circle; a file in the opposite order is
-    read from its end. Raises
-    `InputError` naming file and line.
+    `columns` names those of the file in order: `angle`, `deviation`, and anything else for a column that is not needed. `unit`
+    of the deviation in the file: `um` or `mm`. `direction` `ccw` or `cw` if the file sorts the angles whatever the direction of
+    the circle; a file in the opposite order is read from its end. Raises `InputError` naming file and line.
     """
     path = Path(path)
     among(unit, UNITS, f'unit "{unit}" is unknown')
@@ -78,25 +70,15 @@ def read_polar(
     if any(list(columns).count(name) != 1 for name in COLUMNS):
         problem = f"the columns {','.join(columns)} do not name {' and '.join(COLUMNS)} once each"
         raise InputError(problem, remedy="write --columns angle,deviation in the order of the file, - for any other")
-    lines = read_text(path, at_most=MAX_BYTES).split("\n")
-    rows: list[list[float]] = []
-    marks: dict[str, Marks] = {}
-    for number, line in enumerate(lines, start=1):
-        if not rows:
-            marks = {sign: Marks(sign) for sign in SIGNS}  # the head has decimal marks of its own
-        row = _row(line, len(columns), marks, number)
-        if isinstance(row, list):
-            rows.append(row)
-        elif rows and line.strip():
-            if row is not None:
-                raise row.at(path)
-            wanted = "an angle and a deviation" if len(columns) == 2 else f"a row of {len(columns)} numbers"
-            problem = f"{shown(line.strip())} is not {wanted}"
-            raise InputError(problem, remedy="remove what is no reading").at(path, number)
-    if not rows:
-        _refuse_other_columns(path, lines, columns)
-    enough(len(rows), path)
-    angle, deviation = (np.array(rows)[:, list(columns).index(name)] for name in COLUMNS)
+    table = read_table(path)
+    if (count := len(table.names)) != len(columns):
+        problem = f"the rows have {count} numbers and {len(columns)} columns are named ({','.join(columns)})"
+        remedy = f"name all {count}, as --columns {','.join([*COLUMNS, *['-'] * (count - 2)])}"
+        if count == 2 * len(columns):
+            remedy += "; if these are decimal commas, separate the columns by semicolons"
+        raise InputError(problem, path=path, line=table.lines[0], remedy=remedy)
+    enough(len(table.lines), path)
+    angle, deviation = (table.values(list(columns).index(name)) for name in COLUMNS)
     angle, deviation = as_moved(angle, deviation, direction)
     return angle, UNITS[unit] * deviation
 
@@ -132,40 +114,6 @@ def check_arc(angle: Array, arc: tuple[float, float], run: str) -> None:
         planned = f"run {run} of the plan, {first:.1f}° to {last:.1f}°"
         problem = f"the angle {stray:.1f}° lies {beyond.max():.1f}° beyond {planned} from the first axis of its plane"
         raise InputError(problem, remedy="give the files in the order of the plan's runs, or name each as its run")
-
-
-def _row(line: str, count: int, marks: Mapping[str, Marks], number: int) -> list[float] | InputError | None:
-    """The `count` numbers of a line; what is wrong with one of them; None where it holds anything else."""
-    for sign in signs_of(line):
-        cells = [cell for cell in cells_of(line, sign) if cell]
-        if len(cells) == count:
-            try:
-                numbers = [marks[sign].number(cell, number) for cell in cells]
-            except InputError as error:
-                return error
-            return numbers if all(abs(value) < MOST for value in numbers) else None
-    return None
-
-
-def _refuse_other_columns(path: Path, lines: Sequence[str], columns: Sequence[str]) -> None:
-    """Raise `InputError` where the file has another number of columns than were named."""
-    for count in (n for n in range(1, MOST_COLUMNS + 1) if n != len(columns)):
-        marks = {sign: Marks(sign) for sign in SIGNS}
-        found = ((number, _row(line, count, marks, number)) for number, line in enumerate(lines, start=1))
-        rows = [(number, row) for number, row in found if isinstance(row, list)]
-        if len(rows) < LEAST_ROWS:
-            continue
-        if count > 1:
-            problem = f"the rows have {count} numbers and {len(columns)} columns are named ({','.join(columns)})"
-            remedy = f"name all {count}, as --columns {','.join([*COLUMNS, *['-'] * (count - 2)])}"
-            if count == 2 * len(columns):
-                remedy += "; if these are decimal commas, separate the columns by semicolons"
-        else:
-            steps = np.diff([row[0] for _, row in rows])
-            there, missing = COLUMNS if np.all(steps >= 0.0) or np.all(steps <= 0.0) else COLUMNS[::-1]
-            problem = f"the rows hold one number, the {there}: the column {missing} is missing"
-            remedy = "export both, and name them as they stand in the file: --columns angle,deviation"
-        raise InputError(problem, remedy=remedy).at(path, rows[0][0])
 
 
 def as_planned(machine: Machine, run: Run) -> dict[str, Any]:

@@ -9,7 +9,6 @@ of mismatches and of what is left over is found by dynamic programming.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,19 +17,15 @@ import numpy as np
 
 from symfive.arrays import Array, Indices
 from symfive.campaign import FIRST_LINE, Run
-from symfive.errors import InputError, among, inside
-from symfive.files import read_text, shown
+from symfive.errors import InputError, among
+from symfive.files import shown
 from symfive.importers.split import piece_of
-from symfive.importers.table import check_time
+from symfive.importers.table import Table, check_time, read_table
 from symfive.instruments import columns_of, instruments_of
 from symfive.machine import Machine
 from symfive.motion import approach
-from symfive.separated import Marks, are_numbers, cells_of, signs_of
 
 UNITS = {"um": 1.0, "mm": 1e3}
-IN_MM = re.compile(r"(?:^|[^a-z])mm[\])\s]*$", re.I)
-"""How the name of a column in mm ends."""
-MAX_BYTES = 200_000_000
 LEAST_ROWS = 20
 WINDOW = 0.25
 """Length of the window of which the spread is taken, as a share of the dwell."""
@@ -99,11 +94,10 @@ def _poses(rows: Sequence[int]) -> str:
 def read_recording(
     path: Path | str, columns: Sequence[str], *, unit: str | None = None
 ) -> tuple[Array, dict[str, Array]]:
-    """Time (N,) s and readings (N,) in µm by name from a text file.
+    """Time (N,) s and readings (N,) in µm by name from a text file (`read_table`).
 
     `columns` names those of the file in order: `t` the time in s, the plan's reading columns, `-` for a column not needed;
-    `unit` of the readings, `um` or `mm`, by default the one at the end of the column's name in the header (`X [mm]`), else `um`.
-    Lines before the first row of numbers are the header; its last line names the columns. Raises `InputError` naming file
+    `unit` of the readings, `um` or `mm`, by default the one that the file's head has, else `um`. Raises `InputError` naming file
     and line.
     """
     path = Path(path)
@@ -115,55 +109,26 @@ def read_recording(
         raise InputError(
             problem, remedy="write --columns t,dx_um,dy_um,dz_um in the order of the file, - for any other"
         )
-    rows: list[list[float]] = []
-    lines: list[int] = []
-    marks: Marks | None = None
-    sign = head = ""
-    with inside(path=path):
-        for number, line in enumerate(read_text(path, at_most=MAX_BYTES).split("\n"), start=1):
-            if not line.strip():
-                continue
-            if marks is None:
-                rows_by = {s: cells_of(line, s) for s in signs_of(line)}
-                sign = next((s for s, c in rows_by.items() if len(c) == len(columns) and are_numbers(c, s)), "")
-                if not sign:
-                    head = line
-                    continue
-                marks = Marks(sign)
-            cells = cells_of(line, sign)
-            if len(cells) != len(columns):
-                problem = f"{len(cells)} columns, {len(columns)} are named: {shown(line.strip())}"
-                raise InputError(problem, line=number, remedy="name all columns of the file, - for what is not needed")
-            lines.append(number)
-            rows.append(
-                [0.0 if name == "-" else marks.number(c, number, name) for name, c in zip(columns, cells, strict=True)]
-            )
-    if len(rows) < LEAST_ROWS:
-        problem = f"{len(rows)} rows of {len(columns)} numbers"
-        raise InputError(
-            problem, path=path, remedy=f"name all columns of the file and record at least {LEAST_ROWS} rows"
-        )
-    table = np.array(rows).T
-    _refuse_swapped(path, cells_of(head, sign) if head else [], columns)
-    said = [unit or ("mm" if IN_MM.search(cell) else "um") for cell in cells_of(head, sign)] if head else []
-    units = said if len(said) == len(columns) else [unit or "um"] * len(columns)
-    found = {
-        name: UNITS[own] * values
-        for name, own, values in zip(columns, units, table, strict=True)
-        if name not in ("t", "-")
-    }
-    time = table[list(columns).index("t")]
-    check_time(time, path, lines, "record one run at a time")
-    return time, found
+    table = read_table(path)
+    if len(table.names) != len(columns) or len(table.lines) < LEAST_ROWS:
+        problem = f"{len(table.lines)} rows of {len(table.names)} numbers, {len(columns)} columns are named"
+        remedy = f"name all columns of the file, - for what is not needed, and record at least {LEAST_ROWS} rows"
+        raise InputError(problem, path=path, line=table.lines[0], remedy=remedy)
+    _refuse_swapped(table, columns)
+    places = {name: i for i, name in enumerate(columns) if name != "-"}
+    time = table.values(places.pop("t"))
+    check_time(time, path, table.lines, "record one run at a time")
+    return time, {name: UNITS.get(unit or table.units[i], 1.0) * table.values(i) for name, i in places.items()}
 
 
-def _refuse_swapped(path: Path, head: Sequence[str], columns: Sequence[str]) -> None:
+def _refuse_swapped(table: Table, columns: Sequence[str]) -> None:
     """Refuse columns that the file's head gives the name of another one."""
-    for number, (own, name) in enumerate(zip(head, columns, strict=False), start=1):
-        if own.strip() != name and own.strip() in columns:
-            problem = f"column {number} is {shown(own.strip())} in the file and {name} by --columns"
-            order = ",".join(cell.strip() if cell.strip() in columns else "-" for cell in head)
-            raise InputError(problem, path=path, remedy=f"write --columns {order}")
+    head = [f"{name}_{unit}" if unit else name for name, unit in zip(table.names, table.units, strict=True)]
+    for number, (own, name) in enumerate(zip(head, columns, strict=True), start=1):
+        if own != name and own in columns:
+            problem = f"column {number} is {shown(own)} in the file and {name} by --columns"
+            order = ",".join(cell if cell in columns else "-" for cell in head)
+            raise InputError(problem, path=table.path, remedy=f"write --columns {order}")
 
 
 def rests_of(time: Array, readings: Array, *, dwell_s: float, reach_um: float = np.inf) -> list[Rest]:

@@ -23,7 +23,7 @@ from symfive.separated import SIGNS, Marks, are_numbers, cells_of, signs_of
 
 MAX_BYTES = 200_000_000
 _UNIT = re.compile(
-    r"^(.*?)\s*(?:[\[(]\s*([^\])]*?)\s*[\])]|/\s*(\S+)|_(um|nm|mm|m|in|deg|rad|s|ms|N|Nm|urad|arcsec))?$"
+    r"^(.*?)\s*(?:[\[(]\s*([^\])]*?)\s*[\])]|/\s*(\S+)|[_ ](um|nm|mm|m|in|deg|rad|s|ms|N|Nm|urad|arcsec))?$"
 )
 _INSTANT = re.compile(r"(\d{4}-\d\d-\d\d[T ])?\d\d:\d\d:\d\d([.,]\d{1,6})?(Z|[+-]\d\d:\d\d)?")
 _BEGIN = datetime(2000, 1, 1)
@@ -60,6 +60,12 @@ class Table:
             there = ", ".join(f"{i + 1} {own}".strip() for i, own in enumerate(self.names[:12]))
             raise InputError(problem, path=self.path, remedy=f"use a number or a name of {there}")
         return found[0]
+
+    def values(self, column: int) -> Array:
+        """The numbers (N,) of a column. Raises `InputError` for a text in it."""
+        if column in self.texts:
+            raise self.texts[column]
+        return self.numbers[:, column]
 
 
 def read_table(path: Path | str) -> Table:
