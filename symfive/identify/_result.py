@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -16,9 +15,9 @@ from symfive.errors import InputError
 from symfive.inference import Confounding, Noise, Outlier, Problem, not_separated
 from symfive.kinematics import basis_of
 from symfive.model import Model
-from symfive.numbers import percent, plain_number, rounded, unit_words, with_std
+from symfive.numbers import percent, plain_number, unit_words, with_std
 from symfive.parameters import Parameter
-from symfive.screen import MOST, OnScreen, listed
+from symfive.screen import OnScreen, listed
 
 SCHEMA = "symfive.identification/1"
 UNCONVERGED = "The fit did not converge: uncertainties may be wrong, take nothing below as final."
@@ -256,28 +255,14 @@ class Identification(OnScreen):
         width = max([len(name) for name, *_ in table], default=0)
         rows = [f"  {name:<{width}}  {with_std(value, std, unit)}" for name, value, std, unit, _ in table]
         state = "" if self.converged else "not converged, "
-        head = f"identification of {self.model.machine.name}: {state}{self._quality}"
+        head = (
+            f"identification of {self.model.machine.name}: {state}rms {plain_number(self.rms_um)} {self.unit}, χ²/dof "
+            f"{plain_number(self.chi2_dof)} against the declared noise, rank {self.rank} of {len(self.parameters)} parameters; "
+            "± is 1σ"
+        )
         excluded = [self.excluded] if self.excluded else []
         apart = listed(self.inseparable, "result.confounded")
         return "\n".join([head, *listed(rows, "result.table()"), *excluded, *apart])
-
-    @property
-    def _quality(self) -> str:
-        return (
-            f"rms {plain_number(self.rms_um)} {self.unit}, χ²/dof {plain_number(self.chi2_dof)} against the declared noise, "
-            f"rank {self.rank} of {len(self.parameters)} parameters; ± is 1σ"
-        )
-
-    def _repr_html_(self) -> str:
-        head = "<tr><th>parameter</th><th>value</th><th>1σ</th><th>unit</th></tr>"
-        table = self.table()
-        body = "".join(
-            f"<tr><td>{html.escape(n)}</td><td>{rounded(v, s, u)}</td><td>{rounded(s, s, u)}</td>"
-            f"<td>{html.escape(unit_words(u))}</td></tr>"
-            for n, v, s, u, _ in table[:MOST]
-        )
-        more = f"<p>… and {len(table) - MOST} more: result.table()</p>" if len(table) > MOST else ""
-        return f"<table>{head}{body}</table>{more}<p>{html.escape(self._quality)}</p>"
 
 
 def _rounded(values: Array) -> list[float]:
