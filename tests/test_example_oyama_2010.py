@@ -9,8 +9,10 @@ from claim_checks import assert_refuted, assert_reproduced
 
 from examples import claims as table
 from examples.oyama_2010 import claims, equations, figures, machine, steps, story
+from examples.oyama_2010.calibration import ball_runout, calibrate_sensors
 from examples.panels import save
 from symfive.diagnose import facts_of
+from symfive.errors import InputError
 
 REPRODUCED = {
     "P2-1", "P2-2", "P2-3c", "P2-3d", "P2-3e", "P2-3f", "P2-3g", "P2-4a", "P2-4b", "P2-5a", "P2-5b", "P2-6a", "P2-6b",
@@ -188,3 +190,21 @@ def test_the_figures_are_drawn(measured, error_map, hidden, sag, folder, tmp_pat
     for name, figure in drawn.items():
         save(figure, tmp_path, name)
         assert (tmp_path / f"{name}.png").stat().st_size > 10_000
+
+
+def test_sensor_directions_and_ball_run_out():
+    rng = np.random.default_rng(0)
+    grid = np.array(np.meshgrid(*[[-0.2, 0.0, 0.2]] * 3)).reshape(3, -1).T
+    directions = np.array([[0.8, 0.1, 0.6], [-0.3, 0.7, 0.6], [-0.4, -0.6, 0.7]])
+    found = calibrate_sensors(grid, grid @ directions.T + 0.03 + 1e-4 * rng.standard_normal((27, 3)))
+    assert np.abs(found.directions - directions).max() < 5e-4
+    np.testing.assert_allclose(found.displacement(grid @ directions.T + found.offsets), grid, atol=3e-4)
+    angles = np.linspace(0.0, 2 * np.pi, 8, endpoint=False)
+    e = np.array([4e-3, -3e-3])
+    turned = (
+        np.stack([np.cos(angles) * e[0] - np.sin(angles) * e[1], np.sin(angles) * e[0] + np.cos(angles) * e[1]], axis=1)
+        - e
+    )
+    np.testing.assert_allclose(ball_runout(angles, turned).eccentricity, e, atol=1e-9)
+    with pytest.raises(InputError, match="do not span"):
+        calibrate_sensors(grid * [1, 1, 0], grid @ directions.T)

@@ -16,8 +16,6 @@ from symfive.identify import (
     Identification,
     Stage,
     all_location_errors,
-    ball_runout,
-    calibrate_sensors,
     fitted_model,
     identify,
     identify_by_position,
@@ -235,24 +233,6 @@ def test_errors_by_position_of_the_tilting_axis():
     curve = result.error_motion("EBB")
     assert np.all(np.abs(curve.value) < 3.5 * curve.std + 1e-9)
     assert result.method == "by position of B"
-
-
-def test_sensor_directions_and_ball_run_out():
-    rng = np.random.default_rng(0)
-    grid = np.array(np.meshgrid(*[[-0.2, 0.0, 0.2]] * 3)).reshape(3, -1).T
-    directions = np.array([[0.8, 0.1, 0.6], [-0.3, 0.7, 0.6], [-0.4, -0.6, 0.7]])
-    found = calibrate_sensors(grid, grid @ directions.T + 0.03 + 1e-4 * rng.standard_normal((27, 3)))
-    assert np.abs(found.directions - directions).max() < 5e-4
-    np.testing.assert_allclose(found.displacement(grid @ directions.T + found.offsets), grid, atol=3e-4)
-    angles = np.linspace(0.0, 2 * np.pi, 8, endpoint=False)
-    e = np.array([4e-3, -3e-3])
-    turned = (
-        np.stack([np.cos(angles) * e[0] - np.sin(angles) * e[1], np.sin(angles) * e[0] + np.cos(angles) * e[1]], axis=1)
-        - e
-    )
-    np.testing.assert_allclose(ball_runout(angles, turned).eccentricity, e, atol=1e-9)
-    with pytest.raises(InputError, match="do not span"):
-        calibrate_sensors(grid * [1, 1, 0], grid @ directions.T)
 
 
 def test_assessment_of_a_plan_needs_no_readings_and_names_the_useless_run(declared):

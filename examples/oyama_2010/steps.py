@@ -16,20 +16,14 @@ from symfive.campaign import Campaign, SetupSigma, read_campaign
 from symfive.design import Assessment, assess
 from symfive.diagnose import Diagnosis, diagnose
 from symfive.effects import make_effect
-from symfive.identify import (
-    BallRunout,
-    Identification,
-    SensorCalibration,
-    ball_runout,
-    calibrate_sensors,
-    identify_by_position,
-)
+from symfive.identify import Identification, identify_by_position
 from symfive.kinematics import ball_in_workpiece
 from symfive.machine import ErrorTerm, Machine
 from symfive.model import Model
 from symfive.procedures import Nominal
 
 from . import equations as paper
+from .calibration import BallRunout, SensorCalibration, ball_runout, calibrate_sensors
 from .machine import (
     B_DEG,
     C_DEG,

@@ -1,6 +1,5 @@
 """Identification: parameters with uncertainties, what cannot be separated, outliers, noise."""
 
-from symfive.identify._calibration import BallRunout, SensorCalibration, ball_runout, calibrate_sensors
 from symfive.identify._identify import identify, summarise
 from symfive.identify._mounted import may_have_stayed
 from symfive.identify._predict import Prediction, fitted_model, predict
@@ -12,9 +11,8 @@ from symfive.identify._wiring import wiring_doubts
 from symfive.inference import Confounding, Information, Noise, Outlier, Problem, confounded_combinations, data_rank
 
 __all__ = [
-    "UNCONVERGED", "BallRunout", "Confounding", "Identification", "Information", "MotionCurve", "Noise", "Outlier",
-    "Prediction", "Problem", "SensorCalibration", "Stage", "Tension", "all_location_errors", "ball_runout",
-    "calibrate_sensors", "confounded_combinations", "data_rank", "fitted_model", "identify", "identify_by_position",
-    "identify_sequentially", "may_have_stayed", "predict", "redundancies", "relief_notes", "summarise", "tension_notes",
-    "tensions", "wiring_doubts",
+    "UNCONVERGED", "Confounding", "Identification", "Information", "MotionCurve", "Noise", "Outlier", "Prediction", "Problem",
+    "Stage", "Tension", "all_location_errors", "confounded_combinations", "data_rank", "fitted_model", "identify",
+    "identify_by_position", "identify_sequentially", "may_have_stayed", "predict", "redundancies", "relief_notes", "summarise",
+    "tension_notes", "tensions", "wiring_doubts",
 ]  # fmt: skip

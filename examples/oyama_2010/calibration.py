@@ -24,11 +24,6 @@ class SensorCalibration:
         """Displacements (N, 3) mm of the ball from signals (N, K) mm; with K > 3 by least squares."""
         return np.asarray(np.linalg.lstsq(self.directions, (np.asarray(signals) - self.offsets).T, rcond=None)[0].T)
 
-    @property
-    def gains(self) -> Array:
-        """Sensitivity of each sensor along its own direction (K,)."""
-        return np.asarray(np.linalg.norm(self.directions, axis=1))
-
 
 def calibrate_sensors(moves: Array, signals: Array) -> SensorCalibration:
     """Sensor k reads s_k = n_k · δ + const for flat-ended probes; known moves δ give n_k by least squares.
