@@ -20,11 +20,12 @@ INK, FAINT, GRID, PAPER = "#1d2a36", "#6b7885", "#d9dfe5", "#fdfefe"
 """Lines of the page itself; the report replaces them by the colours of the reader's light or dark theme."""
 
 
-def _own(name: str) -> str:
+def own_file(name: str) -> str:
+    """The text of a file of this package."""
     return (files("symfive.drawing") / name).read_text(encoding="utf-8")
 
 
-PAGE_STYLE = _own("page.css")
+PAGE_STYLE = own_file("page.css")
 """CSS for a page whose content stands in `<main>`; wide tables stand in `<div class="wide">`, or are cut nowhere else."""
 
 
@@ -36,10 +37,10 @@ def page(title: str, body: str, *, style: str = "", script: str = "") -> str:
     """
     from markupsafe import Markup
 
-    own = _own("sort.js") + script
+    own = own_file("sort.js") + script
     digest = base64.b64encode(hashlib.sha256(own.encode()).digest()).decode()
     filled = templates("symfive.drawing", ".").get_template("page.html").render(
-        title=title, body=Markup(body), style=Markup(f"{PAGE_STYLE}{_own('sorted.css')}{style}"), script=Markup(own),
+        title=title, body=Markup(body), style=Markup(f"{PAGE_STYLE}{own_file('sorted.css')}{style}"), script=Markup(own),
         script_hash=f"sha256-{digest}", version=__version__,
     )  # fmt: skip
     return f"{filled}\n"

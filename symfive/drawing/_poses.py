@@ -6,17 +6,16 @@ import html
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib.resources import files
 
 import numpy as np
 
 from symfive.arrays import Array
 from symfive.campaign import Campaign, Run
-from symfive.drawing._page import SERIES
+from symfive.drawing._page import SERIES, own_file
 from symfive.instruments import has_bar, has_post, instruments_of
 from symfive.procedures import Nominal
 
-SCRIPT = (files("symfive.drawing") / "poses.js").read_text(encoding="utf-8")
+SCRIPT = own_file("poses.js")
 """Turns every such figure of a page by dragging and by the arrow keys."""
 TURN, TILT = -60.0, 25.0
 """Where the eye stands at first: angle about Z from X, height over the table, degree."""
@@ -24,23 +23,7 @@ WIDE, TALL, REACH = 720, 480, 215.0
 MOST_POINTS, MOST_LINES, MOST_NAMES = 1200, 24, 24
 """Points of all runs, lines of a recording in motion, names below the drawing."""
 COLOURS = (f"var(--blue, {SERIES[0]})", f"var(--orange, {SERIES[1]})", *SERIES[2:])
-STYLE = """
-.poses path { fill: none; stroke: currentColor; stroke-linecap: round; stroke-width: 1.2; }
-.poses .dots { stroke-width: 5; } .poses .nest { stroke-width: 13; } .poses .bars { opacity: .45; }
-.poses .tools { opacity: .5; stroke-width: .9; } .poses .grey { color: var(--faint, #5c6975); }
-.poses .ink { color: var(--ink, #1d2a36); } .poses text { fill: var(--ink, #1d2a36); font: 14px system-ui, sans-serif; }
-.poses .off { opacity: .07; } .poses.live svg { cursor: grab; touch-action: none; user-select: none; }
-.poses svg:focus { outline: none; } .poses svg:focus-visible { outline: 2px solid var(--accent, #0072b2); }
-.poses .hint { display: none; }
-.poses .names { display: flex; flex-wrap: wrap; gap: .1rem .3rem; max-width: none; }
-.poses button { font: inherit; font-size: .85rem; color: inherit; background: none; padding: .1rem .45rem;
-  border: 1px solid transparent; border-radius: .3rem; } .poses.live button { cursor: pointer; }
-.poses button[aria-pressed=true] { border-color: currentColor; }
-.poses i { display: inline-block; width: .7rem; height: .7rem; margin-right: .35rem; border-radius: 50%;
-  background: currentColor; }
-@media screen { .poses.live .hint { display: inline; } }
-@media print { .poses svg, .poses i { print-color-adjust: exact; -webkit-print-color-adjust: exact; } }
-"""
+STYLE = own_file("poses.css")
 
 
 @dataclass(frozen=True)
@@ -94,7 +77,7 @@ def poses_figure(campaign: Campaign) -> str:
     label = html.escape(f"Poses of {campaign.machine.name} in the workpiece frame, {len(runs)} runs")
     return (
         f'<figure class="poses"><svg role="img" aria-label="{label}" width="{WIDE}" height="{TALL}" '
-        f'viewBox="{-WIDE // 2} {-TALL // 2} {WIDE} {TALL}" data-view="{view}"><style>{STYLE}</style>{"".join(parts)}</svg>'
+        f'viewBox="{-WIDE // 2} {-TALL // 2} {WIDE} {TALL}" data-view="{view}"><style>\n{STYLE}</style>{"".join(parts)}</svg>'
         f'<p class="names">{_names(poses)}</p><figcaption>{_caption(poses)}</figcaption></figure>'
     )
 
