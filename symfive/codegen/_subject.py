@@ -99,7 +99,9 @@ def subject_of(source: Machine | FittedModel | Path | str) -> Subject:
     effects: list[Effect] = []
     left_out: list[tuple[str, str]] = []
     parameters = list(machine_parameters(machine))
-    campaign = _two_rows(machine)
+    commands = {name: np.array(axis.travel) for name, axis in machine.axes.items()}
+    run = Run(id="codegen", instrument=("r_test",), sampling="static", time=np.array([0.0, 1.0]), commands=commands)
+    campaign = Campaign(machine=machine, runs=(run,))  # the least that effects can be prepared with
     for effect in (*baseline_effects(machine), *also):
         reason, ready, its_parameters = _static(machine, effect, campaign)
         if reason:
@@ -133,13 +135,6 @@ def _covariance(model: FittedModel, parameters: Sequence[Parameter]) -> Array:
     rows = [places[parameters[i].name] for i in known]
     found[np.ix_(known, known)] = model.covariance[np.ix_(rows, rows)]
     return found
-
-
-def _two_rows(machine: Machine) -> Campaign:
-    """The least campaign that effects can be prepared with: the machine at both ends of its travels."""
-    commands = {name: np.array(axis.travel) for name, axis in machine.axes.items()}
-    run = Run(id="codegen", instrument=("r_test",), sampling="static", time=np.array([0.0, 1.0]), commands=commands)
-    return Campaign(machine=machine, runs=(run,))
 
 
 def _row(

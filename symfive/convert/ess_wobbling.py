@@ -101,7 +101,9 @@ def _coast_down(log: Log) -> Run:
     spline = make_interp_spline(grid, even, k=5)
     speed = np.abs(spline.derivative(1)(grid))
     moving = np.flatnonzero(speed > 0.02 * speed.max())
-    part = slice(_last_steady(speed), int(moving[-1]) + 1)
+    # from half a second after the speed was last within 1 % of its highest
+    steady = int(np.flatnonzero(speed > 0.99 * speed.max())[-1]) + round(0.5 / (COAST_STEP * PERIOD_S))
+    part = slice(min(steady, len(speed) - 2), int(moving[-1]) + 1)
     return Run(
         id=positive_name(log.path.stem),
         instrument=("encoder", "drive_force"),
@@ -118,9 +120,3 @@ def _coast_down(log: Log) -> Run:
             "force_terms": ["viscous", "coulomb"],
         },
     )
-
-
-def _last_steady(speed: Array) -> int:
-    """The row after which the speed only falls: half a second after it was last within 1 % of its highest."""
-    last = int(np.flatnonzero(speed > 0.99 * speed.max())[-1])
-    return min(last + round(0.5 / (COAST_STEP * PERIOD_S)), len(speed) - 2)

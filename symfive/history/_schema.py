@@ -55,7 +55,10 @@ def connect(path: Path, *, create: bool = True) -> sqlite3.Connection:
     readable_only = path.is_file() and not writable(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        name = _read_only(path) if readable_only else path
+        name: Path | str = path
+        if readable_only:  # without a log nobody writes it, and none can be made: then it needs no locks
+            log = path.with_name(f"{path.name}-wal")
+            name = f"{path.absolute().as_uri()}?mode=ro{'' if log.exists() else '&immutable=1'}"
         connection = sqlite3.connect(
             name, timeout=PATIENCE_S, isolation_level=None, check_same_thread=False, uri=readable_only
         )
@@ -82,12 +85,6 @@ def connect(path: Path, *, create: bool = True) -> sqlite3.Connection:
 def writable(path: Path) -> bool:
     """Whether an index may be written: the file, and beside it the log that SQLite writes ahead."""
     return os.access(path, os.W_OK) and os.access(path.parent, os.W_OK)
-
-
-def _read_only(path: Path) -> str:
-    """The address of an index to be read. Without a log nobody writes it, and none can be made: then it needs no locks."""
-    log = path.with_name(f"{path.name}-wal")
-    return f"{path.absolute().as_uri()}?mode=ro{'' if log.exists() else '&immutable=1'}"
 
 
 def put_damaged_aside(path: Path) -> bool:

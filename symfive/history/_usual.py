@@ -200,7 +200,8 @@ class Updates:
     def predictive(self, states: Indices, visits: Indices) -> Predictive:
         """What is expected of `visits` (n,) from what is known at `states` (n,): the number of visits used before."""
         grid = softmax(self._scatters(states, visits), axis=1)
-        likely, kinds = self._likely(grid, visits), self._kinds[self._alike[visits]]
+        kinds = self._kinds[self._alike[visits]]
+        likely = np.eye(self._x.shape[1]) + np.einsum("mk,mkij->mij", grid @ self._usual.squares, kinds)  # Ψ̂
         degrees, scales = self._finite(states, visits, likely)
         weights = softmax(self._usual.evidence)
         scale = np.einsum("d,mdij->mij", weights[:-1], scales) + weights[-1] * likely
@@ -231,12 +232,6 @@ class Updates:
         least = np.where(np.isfinite(least), least, 0.0)
         root = np.where(seen, np.sqrt(least[:, None] / np.maximum(counts, 1e-12)), 0.0)
         return least, self.sums[states] * root[:, :, None] * root[:, None]
-
-    def _likely(self, grid: Array, visits: Indices) -> Array:
-        """Ψ̂ (m, r, r) of scatters as probable as `grid` (m, c)."""
-        mean = grid @ self._usual.squares
-        own: Array = np.einsum("mk,mkij->mij", mean, self._kinds[self._alike[visits]])
-        return np.eye(self._x.shape[1]) + own
 
     def _finite(self, states: Indices, visits: Indices, likely: Array) -> tuple[Array, Array]:
         """Degrees (m, d) and scales (m, d, r, r) of Student's t."""

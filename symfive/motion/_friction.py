@@ -179,7 +179,8 @@ class _Rows:
         here = slice(first, first + count + 1)
         values = self.linear[here] + powers @ (state[:3, 0] - self.linear[first]) - sign * coulomb * sums
         ahead = sign * values[:, 1]
-        least = np.maximum(np.abs(np.diff(values[:, 1])), FADED * speed if self._has_stiction(stiction) else 0.0)
+        sticks = bool(stiction) or not {"stiction", "stribeck_speed"}.isdisjoint(self.wanted)
+        least = np.maximum(np.abs(np.diff(values[:, 1])), FADED * speed if sticks else 0.0)
         slides = np.minimum(ahead[1:], ahead[:-1]) > least
         count = count if slides.all() else int(np.argmin(slides))
         if count == 0:
@@ -193,9 +194,6 @@ class _Rows:
                 self.states[first + 1 : last + 1, 3, 1 + self.wanted.index("coulomb")] = sign
         self._tangents(first, last, sign * coulomb, powers[: count + 1], sums[: count + 1], sign)
         return last
-
-    def _has_stiction(self, stiction: float) -> bool:
-        return bool(stiction) or bool({"stiction", "stribeck_speed"} & set(self.wanted))
 
     def _tangents(self, first: int, last: int, force: float, powers: Array, sums: Array, sign: float) -> None:
         start = self.states[first, :3, 1:]

@@ -86,9 +86,9 @@ class ProbeWays(Writer):
     def touching(self, row: int) -> Iterator[Move | Touch]:
         """From above the sphere from touch to touch, and back there."""
         probing, off, feed = self.probing, float(self.above[2]), self.probing.between_feed
-        above = self._place_words(row, self.above)
+        above, in_machine = self._place_words(row, self.above), self.run.options.get("touch_frame") == "machine"
         for number, touch in enumerate(touches_of(self.run)):
-            n = self._in_tool_frame(row, np.asarray(touch))
+            n = self._tool[row].T @ touch if in_machine else np.asarray(touch)
             if n[2] < -1e-9:
                 problem = f"run {self.run.id}: touch {number + 1} comes from below the sphere's equator"
                 raise InputError(problem, remedy="touch the half of the sphere that faces the tool", keys=("touches",))
@@ -137,11 +137,6 @@ class ProbeWays(Writer):
     def _linear_words(self, place: Mapping[str, float]) -> dict[str, float]:
         words = self._words(place, self._place(place))
         return {axis: words[axis] for axis in "XYZ"}
-
-    def _in_tool_frame(self, row: int, touch: Array) -> Array:
-        if self.run.options.get("touch_frame") != "machine":
-            return touch
-        return np.asarray(self._tool[row].T @ touch)
 
     def _place_words(self, row: int, offset: Array) -> dict[str, float]:
         """X Y Z that bring the tip so far (tool frame, mm) from the sphere's centre."""

@@ -184,7 +184,12 @@ class Writer:
         if wanted and self.circle is not None:
             return []  # no rotary axis moves: a circle of the linear axes themselves
         self.centred = wanted and self.post.centred
-        self.frame = self._table_frame(there) if self.centred and self.post.frame_of_start else None
+        self.frame = None
+        if (
+            self.centred and self.post.frame_of_start
+        ):  # the workpiece frame as the table stands, in that with all axes at 0
+            rotary = {n: np.array([there[n] if n in self.rotary else 0.0]) for n in self.names}
+            self.frame = self.nominal.workpiece_origin(rotary)[0], self.nominal.workpiece_rotation(rotary)[0]
         text = self.post.tool_centre_on if wanted else self.post.tool_centre_off
         if "{words}" in text and not there:
             return []  # the head of the program has switched it off
@@ -376,8 +381,3 @@ class Writer:
                 place = origin + rotation @ place
             words |= dict(zip("XYZ", place.tolist(), strict=True))
         return words
-
-    def _table_frame(self, there: Positions) -> tuple[Array, Array]:
-        """Origin and rotation of the workpiece frame as the table's rotary axes stand, in that with all axes at 0."""
-        rotary = {n: np.array([there[n] if n in self.rotary else 0.0]) for n in self.names}
-        return self.nominal.workpiece_origin(rotary)[0], self.nominal.workpiece_rotation(rotary)[0]

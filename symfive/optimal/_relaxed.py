@@ -58,11 +58,6 @@ def _at(task: Task, information: Array, prior: Array, rank: int | None) -> tuple
     return task.criterion.value(task.of_interest(covariance)), task.pull(covariance), 1.0
 
 
-def _limiting(task: Task, readings: int) -> int | None:
-    """The rank of so many readings where it is less than the criterion counts on."""
-    return readings if task.criterion.determinant and readings < len(task.interest) else None
-
-
 def sensitivity(pull: Array, whole: Array) -> Array:
     """⟨G, F⟩ of rows in all columns (n, size, ny): (n,)."""
     n, size, ny = whole.shape
@@ -88,7 +83,9 @@ def relax(
     whole = layout.embed(candidates.rows, candidates.group)
     prior = task.prior_information(groups)
     n = len(candidates)
-    rank = _limiting(task, math.floor(points) * whole.shape[2]) if whole_poses else None
+    readings = math.floor(points) * whole.shape[2]
+    limited = whole_poses and task.criterion.determinant and readings < len(task.interest)
+    rank = readings if limited else None
     weights = np.full(n, points / n) if start is None else 0.9 * start * points / start.sum() + 0.1 * points / n
     first = min(max(LIVE * len(prior), LEAST_LIVE), MOST_LIVE)
     if n > first:

@@ -47,7 +47,10 @@ def correlation_matrix(identification: Identification) -> Figure:
     masked = np.ma.masked_array(table, mask=np.eye(n, dtype=bool))
     colours = DIVERGING.with_extremes(bad=DIAGONAL)
     image = axes.imshow(masked, cmap=colours, vmin=-1.0, vmax=1.0, interpolation="nearest")
-    _labels(axes, labels, letters)
+    axes.grid(visible=False)
+    axes.set_xticks(range(n), labels, rotation=90, fontsize=letters)
+    axes.set_yticks(range(n), labels, fontsize=letters)
+    axes.tick_params(length=0.0)
     if n <= NUMBERED:
         _numbers(axes, table)
     for edge in edges[1:-1]:
@@ -102,13 +105,6 @@ def _condensed(correlation: Array, groups: list[Group]) -> tuple[Array, list[str
                 table[i, j] = block.flat[int(np.argmax(np.abs(block)))]
     single = sum(len(members) for heading, members in groups if not heading)
     return table, [name for name, _ in units], [0, single, len(units)]
-
-
-def _labels(axes: Axes, labels: list[str], size: float) -> None:
-    axes.grid(visible=False)
-    axes.set_xticks(range(len(labels)), labels, rotation=90, fontsize=size)
-    axes.set_yticks(range(len(labels)), labels, fontsize=size)
-    axes.tick_params(length=0.0)
 
 
 def _numbers(axes: Axes, table: Array) -> None:

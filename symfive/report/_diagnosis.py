@@ -102,20 +102,16 @@ def _cards(diagnosis: Diagnosis, findings: Sequence[Finding], figures: Path) -> 
     parts = visible_parts(diagnosis.before, [f.contribution for f in findings])
     cards: list[dict[str, object]] = []
     for number, (finding, visible) in enumerate(zip(findings, parts, strict=True), start=1):
+        rest = [part for other, part in enumerate(parts, start=1) if other != number]
+        others = {run: np.sum([part[run] for part in rest], axis=0) for run in rest[0]} if rest else None
         picture = placed(f"finding-{number}-residual", f"{finding.title}: residual before and after", _READING,
-                          partial(finding_figure, diagnosis, finding, visible, _others(parts, number - 1)), figures)  # fmt: skip
+                          partial(finding_figure, diagnosis, finding, visible, others), figures)  # fmt: skip
         facts = facts_of(finding, diagnosis.after)
         alike = [f"not separated in this test {facts['not separated']}"] if finding.alias else []
         to_do = [f"to do: {facts['what to do']}"] if "what to do" in facts else []
         short = "; ".join([*(facts[question] for question in IN_SHORT), *alike, *to_do])
         cards.append({"title": finding.title, "short": short, "card": card(number, finding, diagnosis, picture)})
     return cards
-
-
-def _others(parts: Sequence[Mapping[str, Array]], mine: int) -> dict[str, Array] | None:
-    """The sum of what all other findings explain; None where there is no other."""
-    rest = [part for i, part in enumerate(parts) if i != mine]
-    return {run: np.sum([part[run] for part in rest], axis=0) for run in rest[0]} if rest else None
 
 
 def _proof(diagnosis: Diagnosis, figures: Path) -> dict[str, object]:

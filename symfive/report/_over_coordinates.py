@@ -107,7 +107,8 @@ def _said(parts: Sequence[Trace], dots: Indices, place: Array, axis: Axis) -> li
 
 
 def means_along(place: Array, value: Array) -> tuple[Array, Array]:
-    """Mean value at each coordinate where many rows stand at few of them, else over pieces of the travel."""
+    """Mean value at each coordinate where many rows stand at few of them, else over pieces of the travel; with a gap in the line
+    where a large part of it was not visited."""
     known = np.isfinite(value)
     place, value = place[known], value[known]
     if not place.size:
@@ -122,11 +123,6 @@ def means_along(place: Array, value: Array) -> tuple[Array, Array]:
     count = np.bincount(group)
     filled = count >= least
     count = np.maximum(count, 1)
-    means = [(np.bincount(group, weights=v) / count)[filled] for v in (place, value)]
-    return _broken(means[0], means[1])
-
-
-def _broken(place: Array, value: Array) -> tuple[Array, Array]:
-    """The same points with a gap in the line where a large part of the travel was not visited."""
+    place, value = ((np.bincount(group, weights=v) / count)[filled] for v in (place, value))
     wide = np.flatnonzero(np.diff(place) > 0.2 * max(float(np.ptp(place)), 1e-9)) + 1
     return np.insert(place, wide, np.nan), np.insert(value, wide, np.nan)

@@ -88,7 +88,8 @@ def _draw(axes: Axes, traces: list[Trace], limit: float) -> int:
         if len(at) >= FEW_ROWS and trace.run.dynamic:
             rows, values = trace.envelope(PIECES)
             axes.plot(at[rows], values, color=colour, alpha=0.35, linewidth=0.5, rasterized=True)
-            axes.plot(*_smooth(at, kept), color=colour, linewidth=1.3)
+            index, means = spread(len(at), 400)[0], running_mean(kept, max(5, len(kept) // 100))
+            axes.plot(at[index], means[index], color=colour, linewidth=1.3)
         else:
             index, step = spread(len(at), MOST_POINTS)
             inside = index[_shown(kept, limit)[index]]
@@ -135,12 +136,6 @@ def _tips(traces: Sequence[Trace], limit: float) -> dict[str, list[str]]:
             said.append(f"{pose}: {turned}{': ' if turned else ''}{left}")
         found[_name(trace)] = said
     return found
-
-
-def _smooth(time: Array, values: Array) -> tuple[Array, Array]:
-    window = max(5, len(values) // 100)
-    index = spread(len(values), 400)[0]
-    return time[index], running_mean(values, window)[index]
 
 
 def _outliers(axes: Axes, trace: Trace, across: Array, limit: float, colour: str) -> None:

@@ -162,7 +162,8 @@ def _view(source: Identification | Campaign, run: Run) -> Condensed:
 def _deviation(circle: Circle, view: Condensed, model: Model, source: Identification | Campaign) -> _Deviation:
     readings = model.readings(circle.run)
     raw = circle.measured(readings)
-    centring, used = _centring(circle), circle.evaluated
+    one, used = np.ones(len(circle.angle)), circle.evaluated
+    centring = np.column_stack([one, np.cos(circle.angle), np.sin(circle.angle)]) if circle.whole else one[:, None]
     removed = centring @ np.linalg.lstsq(centring[used], raw[used], rcond=None)[0]
     if not isinstance(source, Identification):
         return _Deviation(circle, raw - removed, None, None, None)
@@ -174,11 +175,6 @@ def _deviation(circle: Circle, view: Condensed, model: Model, source: Identifica
     return _Deviation(
         circle, np.where(good, raw - removed, np.nan), raw - removed - left, left, circle.radial(view.sample)
     )
-
-
-def _centring(circle: Circle) -> Array:
-    one = np.ones(len(circle.angle))
-    return np.column_stack([one, np.cos(circle.angle), np.sin(circle.angle)]) if circle.whole else one[:, None]
 
 
 def _smooth(deviation: _Deviation, values: Array) -> Array:

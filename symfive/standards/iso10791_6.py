@@ -71,14 +71,9 @@ def _test(machine: Machine, run: Run, turned: list[str]) -> str:
         return f"{annex}4" if len(moved(run)) == 5 else f"{annex} ({'+'.join(turned)})"
     if len(moved(run)) == 2:
         return f"{annex}3"
-    return f"{annex}{2 if turned[0] == _turning(machine) else 1}"
-
-
-def _turning(machine: Machine) -> str:
-    """The rotary axis next to the workpiece, or of two in the head the one next to the bed."""
-    table = [name for name in machine.structure.workpiece if machine.axes[name].rotary]
-    head = [name for name in machine.structure.tool if machine.axes[name].rotary]
-    return (table or head)[0]
+    # the one that turns: next to the workpiece, or of two in the head next to the bed
+    turning = next(n for n in (*machine.structure.workpiece, *machine.structure.tool) if machine.axes[n].rotary)
+    return f"{annex}{2 if turned[0] == turning else 1}"
 
 
 def _sense(run: Run, axis: str) -> str:

@@ -240,16 +240,12 @@ class _Program:
         places = start + shares[:, None] * (end - start)
         if shape is not None:
             middle, radius, turn = shape
-            (i, j), begin = (self.names.index(n) for n in self.plane), self._angle(middle)
-            places[:, i] = middle[self.plane[0]] + radius * np.cos(begin + turn * shares)
-            places[:, j] = middle[self.plane[1]] + radius * np.sin(begin + turn * shares)
+            (first, second), (i, j) = self.plane, (self.names.index(n) for n in self.plane)
+            begin = math.atan2(self.now[second] - middle[second], self.now[first] - middle[first])
+            places[:, i] = middle[first] + radius * np.cos(begin + turn * shares)
+            places[:, j] = middle[second] + radius * np.sin(begin + turn * shares)
         lift = 0.0 if self.tip else self.lengthened * self.tool_length
         self.stretches.append(_Stretch(places, shares * steps, self.tip, lift, line, not self.cutting))
-
-    def _angle(self, centre: dict[str, float]) -> float:
-        """Of the present place about the centre of an arc, rad."""
-        first, second = self.plane
-        return math.atan2(self.now[second] - centre[second], self.now[first] - centre[first])
 
     def path(self, file: Path, zero: dict[str, float]) -> ToolPath:
         """Places of all stretches, as many as a path needs: one every step, and the first after every rapid move."""
