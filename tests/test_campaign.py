@@ -86,6 +86,28 @@ def test_everything_is_read(folder):
     assert campaign.measured and campaign.rows == 4
 
 
+def test_a_run_without_its_noise_is_named(folder):
+    (folder / "campaign.toml").write_text(CAMPAIGN.replace("noise_um = 0.25", ""))
+    campaign = read_campaign(folder)
+    (note,) = (note for note in campaign.notes if "noise_um" in note)
+    assert note.startswith("run one ") and "0.3" in note
+    assert campaign.runs[0].noise("ball_bar") == 0.3
+
+
+def test_a_run_says_the_unit_of_its_noise_where_its_readings_have_one():
+    plain = {
+        "id": "r",
+        "instrument": ("r_test", "ball_bar"),
+        "sampling": "static",
+        "time": [0.0],
+        "commands": {"X": [0.0]},
+    }
+    run = Run(
+        noise_um={"r_test": 0.4, "ball_bar": 0.2}, length=100.0, readings={"dx_um": [1.0], "dL_um": [2.0]}, **plain
+    )
+    assert "noise 0.4 and 0.2 µm, measured" in str(run)
+
+
 def test_every_instrument_that_takes_its_set_up_as_usual_is_named(tmp_path):
     machine, plain = preset("three-axis"), {"sampling": "static", "time": [0.0], "commands": {n: [0.0] for n in "XYZ"}}
     sensors = {"sensors": [{"direction": [1.0, 0.0, 0.0], "position": [0.0, 0.0, 0.0]}]}
@@ -300,7 +322,9 @@ BAD_RUNS = {
                                         "table_ball = [1, 2, true]", "table_ball = [nan, 0.0, 0.0]"],
     "length = 100.0": ["length = -1.0", "length = true", 'length = "long"', "", "length = inf"],
     "noise_um = 0.25": ["noise_um = 0.0", "noise_um = [1.0]", 'noise_um = "low"', "noise_um = { laser = 0.1 }",
-                        "noise_um = {}x"],
+                        "noise_um = {}x", "noise_um = {}"],
+    "noise_um = { r_test = 0.4, encoder = 0.1 }": ["noise_um = { r_test = 0.4 }",
+                                                  "noise_um = { r_test = 0.4, encoder = 0.1, laser = 0.1 }"],
     "start_s = 100.0": ['start_s = "now"', "start_s = [1]"],
     'encoder_axes = ["X"]': ['encoder_axes = ["Q"]', "encoder_axes = 5", "encoder_axes = [[1]]"],
     'setup_sigma_um = { table_ball = 15.0, tool_ball = 10.0, length = 0.4, by = "hand" }': [

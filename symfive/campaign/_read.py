@@ -44,6 +44,8 @@ def read_campaign(path: Path | str) -> Campaign:
         notes += unknown_notes((key for key in draft.options if key not in OPTIONS), f"run {draft.id}")
         if "setup_sigma_um" not in block and _counts_on_setup(draft, machine):
             notes.append(f"run {draft.id} declares no setup_sigma_um; 20 µm per ball and 0.5 µm of length are assumed")
+        if "noise_um" not in block:
+            notes.append(f"run {draft.id} declares no noise_um; {Run.noise_um} is assumed, in the unit of its readings")
 
     def build(runs: tuple[Run, ...]) -> Campaign:
         return Campaign(

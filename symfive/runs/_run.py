@@ -232,14 +232,14 @@ class Run(OnScreen):
             problem = f"{owner}: length = {shown(self.length)} is not a length"
             raise InputError(problem, remedy="write mm above 0 and below 1e6", keys=("length",))
         finite(owner, start_s=self.start_s)
-        many = isinstance(self.noise_um, Mapping)
-        for noise in self.noise_um.values() if isinstance(self.noise_um, Mapping) else (self.noise_um,):
+        many = self.noise_um if isinstance(self.noise_um, Mapping) else None
+        for noise in (self.noise_um,) if many is None else many.values():
             if not is_number(noise) or not 0.0 < noise < 1e12:
                 problem = f"{owner}: noise_um = {shown(noise)} is not a standard deviation"
                 raise InputError(problem, remedy="write µm (1σ) above 0", keys=("noise_um",))
-        if many and not set(self.noise_um) <= set(self.instrument):  # type: ignore[arg-type]
-            problem = f"{owner}: noise_um speaks of an instrument that the run lacks"
-            raise InputError(problem, remedy=f"use {', '.join(map(str, self.instrument))}", keys=("noise_um",))
+        if many is not None and set(many) != set(self.instrument):
+            problem = f"{owner}: noise_um states the noise of {', '.join(map(str, many)) or 'no instrument'}"
+            raise InputError(problem, remedy=f"state it of {', '.join(map(str, self.instrument))}", keys=("noise_um",))
 
     def __str__(self) -> str:
         state = "measured" if self.measured else "a plan, no readings yet"
@@ -247,7 +247,8 @@ class Run(OnScreen):
         noises = tuple(dict.fromkeys(plain_number(self.noise(name)) for name in self.instrument))
         units = dict.fromkeys(unit_words(name.rpartition("_")[2]) for name in self.readings)
         unit = next(iter(units)) if len(units) == 1 else "µm"
-        noise = f"noise {' and '.join(noises)} {unit}" + (" (or its reading's unit)" if len(noises) > 1 else "")
+        other = " (or its reading's unit)" if len(noises) > 1 and len(units) != 1 else ""
+        noise = f"noise {' and '.join(noises)} {unit}{other}"
         clock = "" if self.has_clock else ", clock not recorded"
         return f"run {self.id}: {plural(self.rows, 'row')}, {instruments}, {self.sampling}{clock}, {noise}, {state}"
 
@@ -288,7 +289,7 @@ class Run(OnScreen):
         """1σ of the instrument's white noise in µm (or the unit of its columns)."""
         if isinstance(self.noise_um, (int, float)):
             return float(self.noise_um)
-        return float(self.noise_um.get(instrument, 1.0))
+        return float(self.noise_um[instrument])
 
     def full_name(self, name: str) -> str:
         """The parameter that the run calls `setup.…`: `setup.RUN.…`, or `mounting.NAME.…` where it shares the mounting. All
