@@ -8,14 +8,17 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from symfive.errors import InputError
 from symfive.numbers import enumerated
 
 UNIT_SCALE = {
     "um": 1e-3, "urad": 1e-6, "mm": 1.0, "deg": math.pi / 180.0, "rad": 1.0, "s": 1.0, "ms": 1e-3, "ppm": 1e-6,
     "deg/s": math.pi / 180.0, "um/mm": 1e-3, "urad/deg": 1e-6 * 180.0 / math.pi, "um/h": 1e-3 / 3600.0,
     "urad/m": 1e-9, "urad/m^2": 1e-12, "um/(m/s^2)": 1e-6, "um/(rad/s^2)": 1e-3,
+    "1": 1.0, "1/s": 1.0, "Hz": 1.0, "mm/s": 1.0, "rad/s": 1.0, "mm/s^2": 1.0, "rad/s^2": 1.0,
+    "kg": 1.0, "N": 1.0, "N/m": 1.0, "N s/m": 1.0, "kg m^2": 1.0, "Nm": 1.0, "Nm/rad": 1.0, "Nm s/rad": 1.0,
 }  # fmt: skip
-"""Internal value (mm, rad, s) = scale × value in the file unit; units not listed are the same inside."""
+"""Internal value (mm, rad, s) = scale × value in the file unit, of every unit that a parameter may have."""
 
 SHOWN_OWNERS = 4
 """Runs or mountings that are named of one quantity, at most."""
@@ -25,7 +28,8 @@ DETERMINED = 2.0**-0.5
 
 @dataclass(frozen=True, kw_only=True)
 class Parameter:
-    """One unknown. `sigma` and `mean` describe its Gaussian prior in `unit`; `lower` and `upper` are hard bounds.
+    """One unknown. `sigma` and `mean` describe its Gaussian prior in `unit`; `lower` and `upper` are hard bounds. Raises
+    `InputError` for a unit without a scale.
 
     `kind` is `location_error`, `error_motion`, `setup`, `drive`, `instrument` or `effect`; `run` the run or `mounting` the
     mounting of several runs that it belongs to (both None: the machine); `start` where estimation begins if not at the prior
@@ -44,6 +48,11 @@ class Parameter:
     start: float | None = None
     called: str | Callable[[str], str] = field(default="", compare=False, repr=False)
 
+    def __post_init__(self) -> None:
+        if self.unit not in UNIT_SCALE:
+            remedy = f"use one of {', '.join(UNIT_SCALE)}, or give it a scale in symfive.parameters.UNIT_SCALE"
+            raise InputError(f"parameter {self.name} has the unit '{self.unit}', which is unknown", remedy=remedy)
+
     @property
     def what(self) -> str:
         """What it is, in words, without its run: `backlash of axis X (width)`, `EX0C`, `tool ball x`."""
@@ -61,7 +70,7 @@ class Parameter:
     @property
     def scale(self) -> float:
         """Internal value = scale × value in `unit`."""
-        return UNIT_SCALE.get(self.unit, 1.0)
+        return UNIT_SCALE[self.unit]
 
     @property
     def of_setup(self) -> bool:

@@ -238,6 +238,14 @@ def test_refused_with_one_sentence(
         Model(campaign(where), [make_effect(name, axis, **options)])
 
 
+def test_a_unit_without_a_scale_is_refused() -> None:
+    """Taken as it is, µm per (m/s)² would be wrong by 10⁹."""
+    with pytest.raises(InputError, match=r"lift has the unit 'um/\(m/s\)\^2'") as caught:
+        make_effect("scale_error", "X").own("lift", "um/(m/s)^2", 1.0)
+    assert "um/mm" in str(caught.value.remedy)
+    assert make_effect("scale_error", "X").own("lift", "um/mm", 1.0).scale == 1e-3
+
+
 def test_make_effect_names_what_is_missing() -> None:
     with pytest.raises(InputError, match="needs its option component"):
         make_effect("error_motion")
