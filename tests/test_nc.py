@@ -304,6 +304,16 @@ def test_a_control_that_reads_capitals_gets_no_others(monkeypatch: pytest.Monkey
     assert "(BLOCK TIME " in text and text == text.upper()
 
 
+def test_a_dialect_writes_its_block_numbers_and_comments_in_braces(monkeypatch: pytest.MonkeyPatch) -> None:
+    plain = replace(DIALECTS["iso"], name="plain", head=("{{{name}}}",), end=("M30",), comment="{{{text}}}")
+    machine, texts = preset("table-bc"), []
+    for numbered in ("", "N{block}"):
+        monkeypatch.setitem(DIALECTS, "plain", replace(plain, numbered=numbered))
+        texts.append(program(machine, r_test_grid(machine, step_deg=90.0)[0], "plain").splitlines())
+    assert texts[1] == [f"N{number} {line}" for number, line in enumerate(texts[0])]
+    assert texts[0][0] == "{R_TEST_1}" and any(line.startswith("{RUN R-TEST-1, ") for line in texts[0])
+
+
 def test_names_that_are_no_address() -> None:
     odd = replace(RUNS[2][0], name="brackets (and) 100 % ; {name}")
     assert "{" not in program(odd, RUNS[2][1], "iso")

@@ -87,6 +87,7 @@ class Dialect:
     `inverse_time`: whether the control has G93, where F is 1/minutes of the block. Without it F is mm/min of the linear
     axes (degree/min where none moves) and the time stands in a comment: what F means with rotary axes in the block
     depends on the control's parameters.
+    `numbered`: the number before each line, from its `{block}` (from 0), as `N{block}`; nothing: lines have none.
     `file`: from the name of a run or a series to the name that the control takes for a file.
     `cycle`: how the control probes; None where it is not known, then it takes no programs of a touch probe.
     """
@@ -112,7 +113,7 @@ class Dialect:
     tool_centre_example: str = ""
     frame_of_start: bool = False
     inverse_time: bool = True
-    numbered: bool = False
+    numbered: str = ""
     upper: bool = False
     decimals: int = 4
     digits: int = 15

@@ -45,7 +45,7 @@ def render(dialect: Dialect, name: str, steps: Sequence[Step], number: int = 1, 
     lines += ["G94"] if timed else []
     lines += [line.format(name=program_name(name)) for line in dialect.end]
     if dialect.numbered:
-        lines = [f"{i} {line}" for i, line in enumerate(lines)]
+        lines = [f"{dialect.numbered.format(block=i)} {line}" for i, line in enumerate(lines)]
     return "\n".join(lines) + "\n"
 
 

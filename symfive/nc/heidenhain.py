@@ -98,7 +98,7 @@ HEIDENHAIN = Dialect(
     "delete the line and call the ball's tool with L = 0" + LEFT,
     tool_centre_example="FUNCTION TCPM F TCP AXIS POS PATHCTRL AXIS after your TOOL CALL, and FUNCTION RESET TCPM",
     inverse_time=False,
-    numbered=True,
+    numbered="{block}",
     word="{axis}{value:+.{decimals}f}",
     cycle=CYCLE,
 )
