@@ -20,7 +20,8 @@ FEW_DOF = 20.0
 
 
 def plain_number(value: float, unit: str = "") -> str:
-    """Three significant digits at most, without an exponent where it can be avoided; 0 below the unit's resolution."""
+    """Three significant digits at most, or a whole number below 10⁵, without an exponent where it can be avoided; 0 below the
+    unit's resolution."""
     value = float(value)
     if abs(value) < RESOLUTION.get(unit.replace("µ", "u"), NOTHING):
         return "0"

@@ -159,7 +159,7 @@ def test_a_tone_is_found_at_its_frequency_over_runs_that_are_minutes_apart(tmp_p
 
 def test_runs_are_parted_by_what_they_differ_in(tmp_path):
     groups = partitions(_circles(tmp_path / "c", (800.0, 2400.0), [], 1))
-    assert [len(ids) for ids in groups["feed"].values()] == [2, 2]
+    assert {label: len(ids) for label, ids in groups["feed"].items()} == {"about 800 mm/min": 2, "about 2400 mm/min": 2}
     assert set(groups["direction"]) == {"XY counter-clockwise", "XY clockwise"}
 
 

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from symfive.campaign import Campaign, Run
+from symfive.numbers import plain_number, unit_words
 
 SAME_FEED = 1.25
 """Runs in order of their speed are of one feed as long as each is within this factor of the one before."""
@@ -42,7 +43,7 @@ def _feeds(campaign: Campaign) -> dict[str, str]:
     last, label = 0.0, ""
     for id, (speed, unit) in sorted(speeds.items(), key=lambda item: item[1]):
         if speed > SAME_FEED * last:
-            label = f"about {speed:.3g} {unit}/min"
+            label = f"about {plain_number(float(f'{speed:.3g}'))} {unit_words(unit)}/min"
         last = speed
         labels[id] = label
     return labels

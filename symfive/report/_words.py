@@ -112,7 +112,7 @@ def _fit(identification: Identification) -> str:
     every = f" ({_sizes(identification.rms)} with the excluded outliers)" if identification.outliers else ""
     left = f"residual RMS {rms}{every}, " if rms else ""
     ratio = identification.chi2_dof
-    much = f"χ²/dof {ratio:.3g} against the declared noise ({expected_ratio(identification.dof)})"
+    much = f"χ²/dof {plain_number(ratio)} against the declared noise ({expected_ratio(identification.dof)})"
     return {
         "yes": f"The model explains the readings down to the declared noise: {left}{much}.",
         "better": f"The residuals are smaller than the declared noise: {left}{much}; "
