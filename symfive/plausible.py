@@ -49,8 +49,8 @@ def unreadable(campaign: Campaign) -> tuple[str, str] | None:
         if run.measured and instrument is not None:
             away, stroke = _away(machine, run, instrument), instrument.stroke(machine)
             if 1e-3 * float(np.max(np.abs(away))) > 2.0 * stroke:
-                remedy = "no machine does that; or give the true stroke under [workspace] in the machine file"
-                return _beyond(run, instrument, away, stroke), remedy
+                problem, remedy = _beyond(run, instrument, away, stroke)
+                return problem, f"{remedy}, or give the true stroke under [workspace] in the machine file"
             if instrument.probes and (far := _read(machine, run, instrument)[1]) > SOUGHT_MM:
                 return _astray(run, far)
         if said := _another_path(machine, run):
@@ -145,12 +145,13 @@ def _astray(run: Run, far: float) -> tuple[str, str]:
     return f"run {run.id}: the centres found are {place}", remedy
 
 
-def _beyond(run: Run, instrument: BallInstrument, away: Array, stroke: float) -> str:
+def _beyond(run: Run, instrument: BallInstrument, away: Array, stroke: float) -> tuple[str, str]:
     row, _ = np.unravel_index(int(np.argmax(np.abs(away))), away.shape)
     most = plain_number(1e-3 * float(np.max(np.abs(away))))
     return (
-        f"run {run.id}: with its balls and commands the {instrument.seated} would be {most} mm off at row {row + 1} "
-        f"(stroke ±{plain_number(stroke)} mm); check table_ball, tool_ball, length, the feed and the units of the commands"
+        f"run {run.id}: with its balls and commands the {instrument.seated} would be {most} mm off in line {row + FIRST_LINE} of "
+        f"{run.file} (stroke ±{plain_number(stroke)} mm)",
+        "check table_ball, tool_ball, length, the feed and the units of the commands",
     )
 
 
@@ -232,7 +233,7 @@ def _found_elsewhere(machine: Machine, run: Run) -> Iterator[str]:
 def _of_stroke(machine: Machine, run: Run, instrument: BallInstrument) -> Iterator[str]:
     stroke, predicted = instrument.stroke(machine), _away(machine, run, instrument)
     if 1e-3 * float(np.max(np.abs(predicted))) > stroke:
-        yield _beyond(run, instrument, predicted, stroke)
+        yield "; ".join(_beyond(run, instrument, predicted, stroke))
         return
     if not run.measured:
         return

@@ -76,8 +76,8 @@ def test_what_no_instrument_can_have_read_is_not_diagnosed(bar):
     wrong = run.commands[axis].copy()
     wrong[7] = wrong[7] + (40.0 if wrong[7] < 0.0 else -40.0)
     spoilt = replace(bar, runs=(replace(run, commands={**run.commands, axis: wrong}), *bar.runs[1:]))
-    assert unreadable(bar) is None and "at row 8 (stroke" in (unreadable(spoilt) or "")[0]
-    with pytest.raises(InputError, match=r"at row 8 .* \[workspace\]"):
+    assert unreadable(bar) is None and "in line 9 of " in (unreadable(spoilt) or "")[0]
+    with pytest.raises(InputError, match=r"in line 9 of .* \[workspace\]"):
         diagnose(spoilt)
     x, y, z = run.table_ball
     near = replace(bar, runs=(replace(run, table_ball=(x + 1.5, y, z)), *bar.runs[1:]))

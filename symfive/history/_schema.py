@@ -64,7 +64,8 @@ def connect(path: Path, *, create: bool = True) -> sqlite3.Connection:
         )
     except (OSError, sqlite3.Error) as error:
         remedy = "choose a place with room where you may write"
-        raise InputError(f"the index cannot be opened ({error})", path=path, remedy=remedy) from None
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise InputError(f"the index cannot be opened ({reason})", path=path, remedy=remedy) from None
     try:
         if not readable_only:
             connection.execute("PRAGMA journal_mode = WAL")

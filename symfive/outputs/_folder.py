@@ -143,7 +143,8 @@ def _replaceable(output: Output) -> list[str]:
             "the output must be a folder, and a file of that name exists", path=target, remedy="name another"
         )
     if Path.cwd().is_relative_to(target):
-        raise InputError("the output is the folder that you are in", path=target, remedy="name a folder inside it")
+        problem = "the output is the folder that you are in, or holds it"
+        raise InputError(problem, path=target, remedy="name a folder inside yours")
     files = [p.relative_to(target).as_posix() for p in sorted(target.rglob("*")) if p.is_symlink() or not p.is_dir()]
     if not files:
         return []
