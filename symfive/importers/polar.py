@@ -266,8 +266,8 @@ def polar_doubts(
         (abs(float(np.mean(run.readings["dL_um"]))) / run.noise("ball_bar"), run.setup_sigma_um.length) for run in runs
     ]
     if all(mean < ZERO and known < FITTED.length for mean, known in means):
-        problem = "no circle has a mean deviation, as where the ball-bar software removes the mean radius"
-        said.append(f"{problem}; if it did, give --fitted, or lag and expansion are fitted to a length that is missing")
+        problem = "no circle has a mean deviation: the ball-bar software may have removed the mean radius"
+        said.append(f"{problem}; if it did, give --fitted, or the fit takes lag and expansion for zero")
     senses = {bool(np.unwrap(np.radians(a))[-1] > np.radians(a[0])) for a in angles_deg}
     if len(runs) > 1 and len(senses) == 1:
         sense = DIRECTIONS[0] if senses == {True} else DIRECTIONS[1]

@@ -101,8 +101,9 @@ def read_json(path: Path, *, listed: bool = False) -> Any:
         return data
     except json.JSONDecodeError as error:
         raise InputError(
-            f"not valid JSON: {error.msg}", path=path, line=error.lineno, column=error.colno, remedy="correct it there"
-        ) from None
+            f"not valid JSON: {error.msg}", path=path, line=error.lineno, column=error.colno,
+            remedy="correct it there, or name the JSON file that symfive wrote",
+        ) from None  # fmt: skip
     except ValueError as error:  # half a character, or an integer of more than 4300 digits
         raise InputError(
             f"not JSON that can be read: {error}", path=path, remedy="this is not a file of symfive"
