@@ -40,7 +40,12 @@ def machine_given(given: object) -> Machine:
     if isinstance(given, Machine):
         return given
     if isinstance(given, (str, Path)):
-        return preset(str(given)) if _is_preset(given) else read_machine(given)
+        if not _is_preset(given):
+            return read_machine(given)
+        if str(given) not in presets():
+            remedy = f"name a machine file, or use one of {', '.join(presets())}"
+            raise InputError(f"{shown(str(given))} is neither a file nor a ready-made machine", remedy=remedy)
+        return preset(str(given))
     raise _other(given, "a machine, the path of its file or the name of a preset", 'read_machine("machine.toml")')
 
 
@@ -50,7 +55,7 @@ def _is_preset(given: str | Path) -> bool:
     if str(given) in presets() and os.path.lexists(path):
         problem = f'"{given}" is a ready-made machine and a {"folder" if path.is_dir() else "file"} here'
         raise InputError(problem, remedy=f"write ./{given} for the one here, or rename it")
-    return path.suffix != ".toml" and not path.is_file() and os.sep not in str(given)
+    return path.suffix != ".toml" and not os.path.lexists(path) and os.sep not in str(given)
 
 
 def model_given(given: object) -> FittedModel:

@@ -194,6 +194,10 @@ def test_a_folder_named_like_a_preset_hides_nothing(here, capsys):
         machine_given("table-bc")
     assert machine_given("./table-bc").name == MACHINE.name
     assert machine_given("oyama-2010").name == MACHINE.name
+    with pytest.raises(InputError, match="measured: this is a folder, not a file"):
+        machine_given("measured")
+    with pytest.raises(InputError, match="'machin' is neither a file nor a ready-made machine; name a machine file"):
+        machine_given("machin")
 
 
 def test_a_fleet_from_the_root_by_its_other_name(here, capsys):
