@@ -24,7 +24,7 @@ class Check(OnScreen):
     """What the files at `path` declare and what is wrong with them.
 
     `machine` and `runs` as far as they can be read (a wrong entry is left out); `problems` in words with file and line;
-    `notes` on what is kept without being known, and on what is legal but hardly meant (`symfive.plausible`).
+    `notes` on unknown keys, which are kept, and on values that are valid but improbable (`symfive.plausible`).
     """
 
     path: Path

@@ -24,9 +24,9 @@ BEYOND = 1.5
 
 @dataclass(frozen=True)
 class Fit:
-    """Quality before and after: rms over all readings, excluded outliers too; χ² over those that each fit kept; the held-out
-    part by leaving out runs in turn, `heldout_by` a whole feed or place at a time: what → (before, after), µm;
-    `heldout_expected_um`: what → the rms that noise and the uncertainty of what the rest determines let expect after."""
+    """Quality before and after: rms over all readings with the excluded outliers; χ² over those that each fit kept; the rms of
+    held-out runs, each in turn; `heldout_by`: of a whole feed or place at a time, what → (before, after), µm.
+    `heldout_expected_um`: what → the expected rms after, from the noise and the uncertainty of the prediction."""
 
     rms_before_um: float
     rms_after_um: float

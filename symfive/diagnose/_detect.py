@@ -48,8 +48,9 @@ class Test:
 
 @dataclass(frozen=True)
 class Disagreement:
-    """One parameter that groups of runs do not agree upon, its name, and in `words`: `between` what they differ in, `values`
-    label → (value, 1σ) in the file's unit, `log_p` natural log of the p-value, corrected for all parameters and groups."""
+    """A parameter whose value differs between groups of runs: its name, also in `words`; `between`: the property by which the
+    runs are grouped (feed, direction, …); `values` label of a group → (value, 1σ) in the file's unit; `log_p` natural log of the
+    p-value, corrected for all parameters and groups."""
 
     parameter: str
     words: str
@@ -67,7 +68,7 @@ class Disagreement:
 
 @dataclass(frozen=True, repr=False)
 class Detection(OnScreen):
-    """Test results for the residuals of one fit. `level` the rate at which clean campaigns may seem not to be."""
+    """Test results for the residuals of one fit. `level`: the false-alarm rate in clean campaigns."""
 
     fit: Identification
     level: float

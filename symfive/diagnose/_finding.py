@@ -37,13 +37,13 @@ class RivalName:
 class Finding(OnScreen):
     """One effect missing from the baseline model.
 
-    `share` of the deviation's mean square that it explains (all shares, the geometry's and what is left make 1),
-    `contribution` run → (N, ny) its readings, `moved` the machine's parameters that changed most when it joined: name →
-    (before, after), file units. `log_p` natural log of the probability that nothing acts there, `by_experience` whether only
-    how common it is puts its name before those of `alias`, effects that the readings do not distinguish from it; `sigmas` by
-    which all its amplitudes together differ from nothing. `test` is what to record next where a rival stays, `next_test` the
+    `share` of the deviation's mean square that it explains (the shares of all findings, of the geometry and of the residual add
+    up to 1), `contribution` run → (N, ny) its part of the readings, `moved` the machine's parameters that changed most when it
+    joined: name → (before, after), file units. `log_p` natural log of the probability that nothing acts there. `alias`: effects
+    that the readings cannot distinguish from it; `by_experience`: its name comes before theirs only because it is more common.
+    `sigmas`: all its amplitudes together, in σ from zero. `test` is what to record next while a rival remains, `next_test` the
     folder of its plan. `further`: effects that describe the same unidentified cause together with `effect`, the largest of
-    them, and their parameters; `discrepancies`: unidentified ones that say what its law is off by.
+    them, and their parameters; `discrepancies`: unidentified effects that describe how its law differs from the readings.
     """
 
     effect: Effect

@@ -50,11 +50,13 @@ def mean_square(result: Identification, outliers: tuple[Outlier, ...]) -> float:
 
 @dataclass(frozen=True, repr=False)
 class Diagnosis(OnScreen):
-    """Result of `diagnose`. `p_value` bounds how often a clean campaign looks as far from clean; `before` and `after` are the
-    identifications without and with the findings, `detection` and `location` what was seen before any name, `remaining` the
-    same tests on what is left; `hold_out` what the findings are worth on readings that were held out of all of these, `searched`
-    on the rows of long recordings that the search for names did not see, before all rows were fitted; `other_readings` are
-    recordings that seem to hold other readings than their columns say: a sign, the columns, a unit."""
+    """Result of `diagnose`.
+
+    `p_value` bounds how often a clean campaign deviates as much. `before` and `after` are the identifications without and with
+    the findings, `detection` and `location` the tests before any finding, `remaining` the same tests after. `hold_out`: the gain
+    of the findings on held-out readings; `searched`: on the rows of long recordings outside the search, before all rows were
+    fitted. `other_readings`: recordings with a reversed sign, exchanged columns or another unit, by the fit.
+    """
 
     p_value: float
     noise_um: float

@@ -32,7 +32,7 @@ Progress = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Added:
-    """What `add` took: the visits by folder, and what has to be said of them."""
+    """What `add` took: the visits by folder, and `notes` on them for the user."""
 
     visits: Mapping[Path, Visit]
     notes: tuple[str, ...]

@@ -97,8 +97,8 @@ def as_moved(angle: Array, deviation: Array, direction: str | None) -> tuple[Arr
 
 
 def along_run(angle: Array, deviation: Array, direction: str | None, run: str) -> tuple[Array, Array]:
-    """Both along a planned run: software that sorts lets the angles rise. Raises `InputError` where they fall and the run is
-    counter-clockwise."""
+    """Angle and deviation in the order of a planned run; some software sorts a clockwise circle by rising angles. Raises
+    `InputError` where the angles fall and the run is counter-clockwise."""
     if direction == "ccw" and np.median(np.diff(angle)) < 0.0:
         problem = f"the angles fall, a clockwise circle, and run {run} of the plan is counter-clockwise"
         raise InputError(problem, remedy="give the files in the order of the plan's runs, or name each as its run")

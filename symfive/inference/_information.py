@@ -55,10 +55,10 @@ SHARE = 0.05
 
 @dataclass(frozen=True)
 class Confounding:
-    """Parameters of which the data fix fewer combinations than there are.
+    """Parameters that the readings cannot separate.
 
-    `parameters` and `coefficients` (per 1σ of the prior) span a combination about which the data say nothing that the prior did
-    not: moving all of them together by these amounts leaves the readings as they are, within the noise.
+    A change of the `parameters` by their `coefficients` (per 1σ of the prior), all together, does not change the readings by
+    more than the noise: of this combination only the prior is known.
     `of_machine`: one of them is of the machine or an effect, not of the set-up.
     """
 

@@ -36,8 +36,8 @@ class StandardValue:
     """`value` and expanded uncertainty `u` (k = 2), both in `unit`, of the quantity `name` (`G`, `E`, …) of a `standard`.
 
     `what` says which of its kind (`CCW`, `X up`, `dx`), `runs` the ids that it was evaluated from, `conditions` what the
-    number holds for (feed, diameter, direction, place …), `limits` what keeps it from being a value of the standard or must
-    be known to compare it. `u` is NaN where nothing is known of it.
+    number holds for (feed, diameter, direction, place …), `limits` in which points the test differs from the standard and what a
+    comparison must know. `u` is NaN where it is unknown.
     """
 
     standard: str
