@@ -310,6 +310,7 @@ def test_rotary_tests_give_the_range_of_each_reading(tmp_path: Path):
         columns = _columns(tmp_path / "c" / f"{value.runs[0]}.csv")
         column = {"X": "dx_um", "Y": "dy_um", "Z": "dz_um"}.get(value.what, "dL_um")
         assert value.value == pytest.approx(max(columns[column]) - min(columns[column]), abs=0.01)
+        assert (value.conditions["feed"] == "none (static readings)") == (not campaign.run(value.runs[0]).dynamic)
 
 
 def test_decisions_of_iso_14253_1(tmp_path: Path, capsys: pytest.CaptureFixture[str]):

@@ -46,7 +46,7 @@ def _of_run(machine: Machine, run: Run, turned: list[str]) -> list[StandardValue
     speed = run.fastest(run.commands[turned[0]]) if run.dynamic else 0.0
     conditions = {
         "stroke": ", ".join(f"{n} {plain_number(float(np.ptp(run.commands[n])))}°" for n in turned),
-        "feed": f"{turned[0]} at most {plain_number(speed)} °/min" if run.dynamic else "static readings",
+        "feed": f"{turned[0]} at most {plain_number(speed)} °/min" if run.dynamic else "none (static readings)",
         "direction": _sense(run, turned[0]), "readings": str(run.rows), **place_of(machine, run),
     }  # fmt: skip
     limits = ["as read: the range includes the eccentricity of the set-up"]
