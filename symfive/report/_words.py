@@ -100,7 +100,7 @@ def verdict(identification: Identification) -> str:
     apart = [c for c in identification.confounded if c.of_machine]
     if apart:
         count = "one combination" if len(apart) == 1 else f"{len(apart)} combinations"
-        sentences.append(f"The readings do not separate {count} of the machine's parameters (listed below).")
+        sentences.append(f"The readings alone leave {count} of these and the set-up's parameters open (listed below).")
     sentences.append(identification.excluded)
     if not identification.converged:
         sentences.insert(0, UNCONVERGED)
