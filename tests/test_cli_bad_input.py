@@ -72,7 +72,7 @@ def test_a_truth_that_is_none(symfive, small_plan, tmp_path):
     wrong = {"[]": "no parameters", '{"parameters": {"EX0C": "much"}}': "EX0C", '{"parameters": {"EX9Q": 1.0}}': "EX9Q"}
     for text, says in wrong.items():
         truth.write_text(text)
-        refused(symfive("simulate", small_plan, "-o", out, "--truth", truth), says)
+        refused(symfive("simulate", small_plan, "-o", out, "--truth", truth), "t.json", says)
     assert not out.exists()
 
 

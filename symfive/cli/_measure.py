@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from symfive.cli import _common as cli
-from symfive.errors import InputError
+from symfive.errors import InputError, inside
 from symfive.files import shown
 from symfive.outputs import output_folder, write_json
 
@@ -64,7 +64,9 @@ def simulate(campaign: Path, output: Path, truth: Path | None, seed: int, overwr
 
     with output_folder(output, overwrite=overwrite) as folder:
         values, effects = truth_of(truth)
-        result = simulate_plan(cli.read(campaign, quiet), truth=values, effects=effects, seed=seed)
+        plan = cli.read(campaign, quiet)
+        with inside(path=truth):
+            result = simulate_plan(plan, truth=values, effects=effects, seed=seed)
         write_campaign_files(result.campaign, folder)
         write_json(folder / "truth.json", result.to_data())
     cli.written(result.campaign, output, quiet)
