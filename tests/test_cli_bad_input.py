@@ -43,6 +43,14 @@ def test_a_seed_that_is_none(symfive, tmp_path, seed, says):
     refused(symfive("simulate", NESTS, "-o", tmp_path / "out", "--seed", seed), "--seed", seed, says)
 
 
+@pytest.mark.parametrize(
+    "words", [("diagnose", "x", "--hold-out"), ("history", "show", "--since"), ("plan", "x", "--frob")]
+)
+def test_a_usage_error_names_the_help_of_its_verb(symfive, words):
+    verb = " ".join(word for word in words if word != "x" and not word.startswith("-"))
+    refused(symfive(*words), words[-1], f"see `symfive {verb} --help`")
+
+
 @pytest.mark.parametrize("names", ["", ","])
 @pytest.mark.parametrize("option", ["--instrument", "--for"])
 def test_a_list_of_a_plan_that_names_nothing(symfive, tmp_path, option, names):

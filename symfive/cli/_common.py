@@ -69,8 +69,21 @@ COUNT = Whole(-MOST, MOST)
 SEED = Whole(0, 2**63 - 1)
 
 
+class _Verb(click.Command):
+    """Its usage errors know whose help explains them; click leaves that out of an option without its value."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        try:
+            return super().parse_args(ctx, args)
+        except click.UsageError as error:
+            error.ctx = error.ctx or ctx
+            raise
+
+
 class _InOrder(click.Group):
     """The help lists the verbs in the order in which they are defined."""
+
+    command_class = _Verb
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(self.commands)
