@@ -82,10 +82,11 @@ class Worth:
         if self.confounded:
             others = ", ".join(map(self._said, self.confounded[:4]))
             return f"correct only together with {others}: these readings cannot separate them"
-        if self.tool is not None and self.tool < -NOTHING:
+        gain, where = (self.readings, "in these readings") if self.tool is None else (self.tool, "at the tool")
+        if gain < -NOTHING:
             return "do not correct alone: it compensates for another error"
-        if self.tool is not None and self.tool < NOTHING:
-            return "no gain at the tool"
+        if gain < NOTHING:
+            return f"no gain {where}"
         if self.by_setup:
             return f"correct only if {self._said(self.by_setup[0])} is known to its 1σ: these readings cannot separate them"
         return "correct" if self.explained else "correct, then measure again: the model does not explain the readings"

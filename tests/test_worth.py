@@ -13,7 +13,7 @@ from symfive.identify import Identification, identify
 from symfive.machine import preset
 from symfive.procedures import campaign_of, planar_circle, r_test_grid
 from symfive.simulate import simulate
-from symfive.worth import DO_NOT, effect_worth, effect_worths, location_worths, worth_of, worth_text
+from symfive.worth import DO_NOT, Worth, effect_worth, effect_worths, location_worths, worth_of, worth_text
 
 WHOLE = without_drives(preset("three-axis"))
 """Drives would lag."""
@@ -81,6 +81,21 @@ def test_a_correction_from_a_model_that_does_not_explain_the_readings_says_so():
     (worth,) = [worth for worth in location_worths(found) if worth.names == ("EC0X",)]
     assert found.fits == "no" and worth.certain
     assert worth.advice == "correct, then measure again: the model does not explain the readings"
+
+
+@pytest.mark.parametrize(
+    ("tool", "readings", "advice"),
+    [
+        (None, -0.0066, "do not correct alone: it compensates for another error"),
+        (None, 0.0004, "no gain in these readings"),
+        (None, 0.2, "correct"),
+        (0.0004, 0.2, "no gain at the tool"),
+        (0.2, -0.1, "correct"),
+    ],
+)
+def test_what_the_readings_lose_is_not_advised(tool: float | None, readings: float, advice: str) -> None:
+    """An effect in motion has no value at the tool: what it does to the readings counts."""
+    assert Worth(("lift.Y.height",), {}, readings, tool, certain=True).advice == advice
 
 
 def test_below_the_uncertainty_nothing_is_corrected():

@@ -74,6 +74,12 @@ class Assessment(OnScreen):
         """What stays confounded, in words, where an error of the machine is in it."""
         return not_separated(c for c in self.confounded if c.of_machine)
 
+    @property
+    def tool_centre_words(self) -> str:
+        """Its expected uncertainty at the tool centre point."""
+        mean, worst = map(plain_number, self.tool_centre_um or (0.0, 0.0))
+        return f"tool centre point over the workspace, 1σ: {mean} µm on average, {worst} µm at worst"
+
     def to_data(self) -> dict[str, Any]:
         """The assessment as nested mappings (`assessment.json`)."""
         return {"schema": "symfive.assessment/1", **assessment_data(self)}
@@ -82,8 +88,7 @@ class Assessment(OnScreen):
         lines = [f"the readings determine {self.rank} of {len(self.parameters)} parameters"]
         lines += listed(self._expected_in_words(), "assessment.sigma")
         if self.tool_centre_um is not None:
-            mean, worst = self.tool_centre_um
-            lines.append(f"tool centre point over the workspace, 1σ: {mean:.3g} µm on average, {worst:.3g} µm at worst")
+            lines.append(self.tool_centre_words)
         lines += [
             f"quality number of axis {axis}: {number:.1f} (4 or more is good)"
             for axis, number in self.valuation.items()

@@ -239,10 +239,8 @@ def _recording(nominal: Nominal, run: Run) -> dict[str, Any]:
 
 def _expected(assessment: Assessment) -> dict[str, Any]:
     """Expected uncertainty of the machine's errors."""
-    sigma, centre = assessment.sigma, assessment.tool_centre_um
-    sentences = [] if centre is None else [
-        f"Tool centre point over the workspace: 1σ {centre[0]:.2g} µm on average, {centre[1]:.2g} µm at worst."
-    ]  # fmt: skip
+    sigma, words = assessment.sigma, assessment.tool_centre_words
+    sentences = [] if assessment.tool_centre_um is None else [f"{words[0].upper()}{words[1:]}."]
     sentences += [
         f"Quality number of axis {axis}: {number:.1f} (4 or more is good, below 2 poor)."
         for axis, number in assessment.valuation.items()
