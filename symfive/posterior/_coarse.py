@@ -59,12 +59,14 @@ def coarsened(posterior: Posterior, unnamed: Collection[int] = ()) -> Posterior:
 
 
 def _tempered(posterior: Posterior, energy: float, nodes: Array, kappa2: float) -> Posterior:
-    """The posterior by the likelihood to the power 1/(1 + `energy`/2), under noise whose nodes are so probable (log)."""
+    """The posterior by the likelihood to the power 1/(1 + `energy`/2), under noise whose nodes are so probable with what the fit
+    holds (log)."""
     moments, power = posterior.moments, 1.0 / (1.0 + 0.5 * energy)
     if energy < 2.0 * NEGLIGIBLE:
         return posterior
-    found = explore(moments.tempered(power / kappa2, nodes), range(moments.held))
-    held = held_by(moments)
+    held, nothing = held_by(moments), np.zeros_like(nodes)
+    own = log_evidence(moments.tempered(power / kappa2, nothing, nothing), held).by_node
+    found = explore(moments.tempered(power / kappa2, nodes, 2.0 * own), range(moments.held))
 
     def tempered(subset: Subset, mass: float) -> float:
         prior = log_prior(moments, subset) - log_prior(moments, held)

@@ -88,10 +88,9 @@ class Moments:
             return self
         return self.alone
 
-    def tempered(self, factor: float, log_prior: Array) -> Moments:
-        """All Gram matrices times a factor, under noise whose nodes are so probable."""
-        alone = self.alone.tempered(factor, log_prior) if self.alone is not None else None
-        const = np.zeros_like(self.const)
+    def tempered(self, factor: float, log_prior: Array, const: Array) -> Moments:
+        """All Gram matrices times a factor, under noise whose nodes are so probable and cost every subset `const` (J,)."""
+        alone = self.alone.tempered(factor, log_prior, const) if self.alone is not None else None
         return replace(self, gram=self.gram * factor, rows=None, const=const, log_prior=log_prior, alone=alone)
 
     @cached_property
