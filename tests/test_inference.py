@@ -101,17 +101,26 @@ def test_a_fit_settles_where_a_sum_is_known_and_its_parts_are_not():
 
 
 @pytest.mark.parametrize(("n", "columns"), [(1, 1), (31, 2), (50, 3), (33, 3), (2200, 1), (1025, 40), (70, 2000)])
-@pytest.mark.parametrize("noise", [Noise(0.3, 0.7, 2.0), Noise(0.3, 0.3, 5.0), Noise(0.01, 0.7, 0.05)])
+@pytest.mark.parametrize(
+    "noise", [Noise(0.3, 0.7, 2.0), Noise(0.3, 0.3, 5.0), Noise(0.01, 0.7, 0.05), Noise(0.3, 0.7, 2.0, decades=3)]
+)
 def test_whitening_is_the_exact_inverse_of_the_covariance(n, columns, noise):
     """Whole blocks, broken ones, several levels of them and several spans of rows."""
     interval = 0.1
     lags = np.abs(np.subtract.outer(np.arange(n), np.arange(n))) * interval
-    covariance = noise.coloured**2 * np.exp(-lags / noise.time_constant) + noise.white**2 * np.eye(n)
+    slow = np.mean([np.exp(-lags / noise.time_constant * 10.0**k) for k in range(noise.decades)], axis=0)
+    covariance = noise.coloured**2 * slow + noise.white**2 * np.eye(n)
     residual = np.random.default_rng(n).standard_normal((n, columns))
     white, logs = whiten(residual, noise, interval)
     wanted = residual.T @ np.linalg.solve(covariance, residual)
     assert np.abs(white.T @ white - wanted).max() < 1e-8 * np.abs(wanted).max()
     assert logs == pytest.approx(np.linalg.slogdet(covariance)[1], rel=1e-9)
+
+
+def test_what_never_changes_is_known_in_the_end():
+    """A correlation time beyond all recordings: φ is 1 to the last digit, and what is left after many rows is white."""
+    white, _ = whiten(np.full((500, 1), 4.0), Noise(0.3, 0.3, 1e18), 0.1)
+    assert np.all(np.diff(white[:64, 0]) < 0.0)
 
 
 def test_whitening_a_table_without_columns_leaves_it_empty():

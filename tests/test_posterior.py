@@ -8,7 +8,7 @@ import pytest
 from posterior_world import NOISE, bars
 from scipy.stats import multivariate_normal
 
-from symfive.effects import EFFECTS, make_effect
+from symfive.effects import EFFECTS, Form, make_effect
 from symfive.inference import whiten
 from symfive.model import Model
 from symfive.posterior import (
@@ -18,8 +18,10 @@ from symfive.posterior import (
     Moments,
     Posterior,
     Sweep,
+    _coarse,  # its misfit is set by hand
     baseline,
     candidates,
+    coarsened,
     contradicted,
     decide,
     expanded,
@@ -80,6 +82,23 @@ def test_bands_agree_with_exact_whitening_within_two_nats(rows: int) -> None:
         for used in (3, 5):  # what further terms gain beside what is always fitted
             assert gain(gram, used) - gain(gram, 1) == pytest.approx(gain(exact, used) - gain(exact, 1), abs=2.0)
         assert log == pytest.approx(exact_log, abs=4.0)  # of -2 log evidence
+
+
+def test_flicker_noise_is_more_probable_as_such_than_with_one_time() -> None:
+    rows, interval = 800, 0.05
+    nodes, lags = nodes_of(rows * interval, flicker=True), interval * np.arange(rows)
+    slow = next(node for node in nodes if node.size == 3.0 and node.decades > 1)
+    law = sum(
+        3.0 * np.exp(-lags / time) for time in slow.noise(1.0).times
+    )  # 3² in three parts, beside white noise of 1
+    drawn = np.linalg.cholesky(law[np.abs(np.subtract.outer(*[np.arange(rows)] * 2))] + np.eye(rows))
+    read = drawn @ np.random.default_rng(7).standard_normal(rows)
+
+    def log_likelihood(node) -> float:
+        white, logs = whiten(read[:, None], node.noise(1.0), interval)
+        return -0.5 * (float(np.sum(white**2)) + logs)
+
+    assert log_likelihood(slow) > max(log_likelihood(node) for node in nodes if node.decades == 1) + 10.0
 
 
 @pytest.mark.parametrize(("angles", "few"), [(240, False), (60, True)])
@@ -182,6 +201,26 @@ def beside_play(moments: Moments) -> Moments:
     """About a fit that holds the play of X."""
     play = next(k for k, term in enumerate(moments.terms) if term.effect.key == "backlash.X")
     return moments_about(refitted(moments, ((play, 1.0),)), stated(moments, "backlash", "lateral_play"))
+
+
+@pytest.mark.parametrize("energy", [0.1, 2.0])
+def test_a_misfit_takes_a_share_of_what_a_name_gains(monkeypatch, energy: float) -> None:
+    """In every kind of noise. What each costs was left out: of many readings one that was far too large decided."""
+    monkeypatch.setattr(_coarse, "contradicted", lambda *_: energy)
+    monkeypatch.setattr(_coarse, "misfit", lambda *_: 0.0)
+    play = make_effect("backlash", axis="X")
+    before = baseline(bars({"X": 0.2}, angles=3000))
+    after = fitted(Model(before.model.campaign, [play]), [before.named], nodes_of(1.0)[0], 1.0, before)
+    moments = moments_of(after, [Form(effect=play)], [])
+    posterior = explore(moments, {0})
+
+    def gain(of: Posterior) -> float:
+        mass = {s: m - log_prior(moments, s) for s, m in of.mass.items()}
+        return mass[(0, 1.0),] - mass[()]
+
+    plain = gain(posterior)
+    assert 10.0 < plain < 100.0
+    assert gain(coarsened(posterior)) == pytest.approx(plain / (1.0 + 0.5 * energy), rel=0.1)
 
 
 def test_an_alias_is_what_cannot_be_distinguished_however_large_it_would_have_to_be(beside_play: Moments) -> None:

@@ -235,6 +235,7 @@ class Identification(OnScreen):
                 f"{run}.{instrument}": {
                     "declared": n.declared, "white": n.white, "coloured": n.coloured,
                     "time_constant_s" if self.model.campaign.run(run).has_clock else "rows_correlated": n.time_constant,
+                    **({"decades": n.decades} if n.decades > 1 else {}),
                 }
                 for (run, instrument), n in self.noises.items()
             },

@@ -15,7 +15,7 @@ import numpy as np
 
 from symfive.arrays import Array, Flags, Indices
 from symfive.disk import release
-from symfive.inference._whitening import Noise, Whitening, innovations, steady_variance, whiten
+from symfive.inference._whitening import Noise, Whitening, innovations, steady_filter, whiten
 from symfive.inference._windows import spans_of
 
 Key = tuple[str, str]
@@ -209,12 +209,9 @@ def _first_look(blocks: Sequence[Block], interval: float) -> Callable[[Noise], f
     def score(noise: Noise) -> float:
         if noise.coloured <= 0.0:
             return float(residual @ residual) / noise.white**2 + 2.0 * len(residual) * float(np.log(noise.white))
-        phi = float(np.exp(-interval / noise.time_constant))
-        variance = steady_variance(phi, noise.coloured**2, noise.white**2)
-        total = variance + noise.white**2
-        theta = phi * (1.0 - variance / total)
-        white = innovations(residual[:, None], phi, theta, np.zeros((1, 1)))[0].ravel()
-        return float(white @ white) / total + len(residual) * float(np.log(total))
+        steady = steady_filter(noise.correlation(interval), noise.coloured**2, noise.white**2)
+        white = innovations(residual[:, None], steady, np.zeros((noise.decades, 1)))[0].ravel()
+        return float(white @ white) / steady.variance + len(residual) * float(np.log(steady.variance))
 
     return score
 

@@ -18,6 +18,7 @@ from symfive.arrays import Array, Flags, Indices
 from symfive.campaign import Run
 from symfive.effects import Form
 from symfive.identify import Identification
+from symfive.instruments import has_clock_of_its_own
 from symfive.posterior._eliminate import Total, eliminated, eliminated_rows
 from symfive.posterior._noise import EXACT_ROWS, Node, grams, nodes_of, whitened
 from symfive.posterior._tables import STATED, Columns, Scale, Table, Tables
@@ -125,7 +126,8 @@ def moments_of(fit: Identification, held: Sequence[Form], fresh: Sequence[Form])
     campaign = fit.model.campaign
     runs = campaign.runs
     readings = sum(run.rows * len(fit.model.columns(run)) for run in runs)
-    noises = nodes_of(max(map(_recorded, runs)), min(run.interval for run in runs), readings)
+    flicker = all(map(has_clock_of_its_own, runs))  # of an instrument's electronics: what the control counts has none
+    noises = nodes_of(max(map(_recorded, runs)), min(run.interval for run in runs), readings, flicker)
     tables = Tables(fit, [form.effect for form in held], fresh)
     scales = tables.scales
     nodes = tuple(replace(n, log_prior=n.log_prior + scale.log_prior) for scale in scales for n in noises)

@@ -1,8 +1,9 @@
-"""Noise as a node of the model: white noise, or white and Gauss-Markov noise of one of several sizes and times.
+"""Noise as a node of the model: white noise, or white and Gauss-Markov noise of one of several sizes, with one of several
+correlation times or with all of them (flicker noise).
 
 The spectrum of row k's cosine (DCT-II, ω = πk/N) in units of the declared noise is
 
-    S(ω) = 1 + s²·(1 - φ²)/(1 - 2φ·cos ω + φ²),   φ = exp(-Δt/τ).
+    S(ω) = 1 + s²·mean over φ of (1 - φ²)/(1 - 2φ·cos ω + φ²),   φ = exp(-Δt/τ).
 
 The cosines are nearly the eigenvectors of such noise (N. Ahmed, T. Natarajan & K. Rao 1974), so one Gram matrix per band of
 them serves every node: Σ_bands mean(1/S)·B. Short recordings are whitened exactly (Kalman filter).
@@ -38,36 +39,46 @@ SINGLE, RATIO = 8, 1.35
 
 @dataclass(frozen=True)
 class Node:
-    """Coloured noise of `size` (declared noise) and `time` s beside the white noise; `log_prior` of it."""
+    """Coloured noise of `size` (declared noise) and `time` s beside the white noise, `log_prior` of it; of so many `decades`."""
 
     size: float
     time: float
     log_prior: float
+    decades: int = 1
 
     def noise(self, declared: float) -> Noise:
         """The noise of an instrument that declares so much."""
-        return Noise(declared, self.size * declared, self.time, declared)
+        return Noise(declared, self.size * declared, self.time, declared, self.decades)
 
     def spectrum(self, rows: int, interval: float) -> Array:
         """S of the DCT's cosines (rows,)."""
         if self.size == 0.0:
             return np.ones(rows)
-        phi = np.exp(-interval / self.time)
+        phi = np.array(self.noise(1.0).correlation(interval))[:, None]
         omega = np.pi * np.arange(rows) / rows
-        return np.asarray(1.0 + self.size**2 * (1.0 - phi**2) / (1.0 - 2.0 * phi * np.cos(omega) + phi**2))
+        each = (1.0 - phi**2) / (1.0 - 2.0 * phi * np.cos(omega) + phi**2)
+        return np.asarray(1.0 + self.size**2 * each.mean(axis=0))
 
 
-def nodes_of(longest: float, interval: float = 0.0, readings: int = 1) -> tuple[Node, ...]:
-    """White noise with a prior of ½; coloured ones share the rest, larger ones less: exp(-size/`USUAL`), E. T. Jaynes 1957.
+def nodes_of(longest: float, interval: float = 0.0, readings: int = 1, flicker: bool = False) -> tuple[Node, ...]:
+    """White noise with a prior of ½; coloured ones share the rest, larger ones less: exp(-size/`USUAL`), E. T. Jaynes 1957;
+    `flicker` noise is among them.
 
     Noise that so many readings, an interval apart, cannot distinguish from white noise, whose scale is free, counts as white:
     the first harmonic of its spectrum, 2φ·cos ω, changes the log evidence of n readings by n·φ²/2 or less.
     """
-    pairs = [(size, share * max(longest, 1e-9)) for size in SIZES for share in SHARES]
-    weight = np.exp(-np.array([size for size, _ in pairs]) / USUAL)
+    times = [
+        (share * max(longest, 1e-9), decades)
+        for share, decades in (*((s, 1) for s in SHARES), *[(SHARES[-1], len(SHARES))] * flicker)
+    ]
+    every = [(size, *time) for size in SIZES for time in times]
+    weight = np.exp(-np.array([size for size, _, _ in every]) / USUAL)
     share = 0.5 * weight / weight.sum()
-    slow = np.array([0.5 * readings * np.exp(-2.0 * interval / time) > NEGLIGIBLE for _, time in pairs])
-    coloured = [Node(*pair, float(np.log(p))) for pair, p, kept in zip(pairs, share, slow, strict=True) if kept]
+    slow = np.array([0.5 * readings * np.exp(-2.0 * interval / time) > NEGLIGIBLE for _, time, _ in every])
+    coloured = [
+        Node(size, time, float(np.log(p)), decades)
+        for (size, time, decades), p, kept in zip(every, share, slow, strict=True) if kept
+    ]  # fmt: skip
     return Node(0.0, 0.0, float(np.log(1.0 - np.sum(share[slow])))), *coloured
 
 

@@ -48,7 +48,7 @@ def placed(fit: Identification, scans: Sequence[Scan | Tone], nodes: Iterable[No
     channels = [(scan.channel, scan.axis) for scan in scans]
     model = Model(fit.model.campaign, (*fit.model.added, *probes(channels)))
     lines = {run.id: model.linearise(run, model.vector(fit.named), ahead=True) for run in fit.model.campaign.runs}
-    for node in {(node.size, node.time): node for node in nodes}.values():
+    for node in {(node.size, node.time, node.decades): node for node in nodes}.values():
         seen = _Seen(fit, model, lines, node)
         for scan in scans:
             for form in seen.tone(scan) if isinstance(scan, Tone) else seen.course(scan):

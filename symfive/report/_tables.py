@@ -82,6 +82,8 @@ def noise_table(identification: Identification) -> Markup:
         slow = noise.coloured > 0.0
         size = _number(noise.coloured, unit) if slow else Cell("none", 0.0)
         tau = _number(noise.time_constant, "s") if slow else Cell("–", 0.0)
+        if noise.decades > 1:
+            tau = Cell(f"{_number(noise.times[-1], 's').text} to {tau.text}", tau.value)
         if slow and not run.has_clock:
             tau = Cell(f"{tau.text} rows", tau.value)
         words = [run.id, instrument_words(traces[0].instrument), run.sampling]

@@ -134,7 +134,8 @@ def _noise(identification: Identification) -> list[str]:
     if not slow:
         return []
     (run, _), most = max(slow, key=lambda item: item[1].coloured / item[1].declared)
-    share, tau = f"{most.coloured / most.declared:.2g}", f"{most.time_constant:.2g}"
+    share = f"{most.coloured / most.declared:.2g}"
+    tau = " to ".join(f"{time:.2g}" for time in sorted({most.times[-1], most.times[0]}))
     unit = "s" if identification.model.campaign.run(run).has_clock else "rows"
     return [f"Part of the residual is slow (up to {share} times the declared noise, over about {tau} {unit}): drift, or an "
             "effect of the axis positions. The uncertainties below treat it as noise; run “symfive diagnose” to find out "
