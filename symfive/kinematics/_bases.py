@@ -10,9 +10,10 @@ from __future__ import annotations
 
 import itertools
 import math
+import operator
 import re
 from collections.abc import Callable, Mapping
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, reduce
 from itertools import pairwise
 from typing import Any, Protocol
 
@@ -68,8 +69,11 @@ class Basis:
 
     def values(self, *coordinates: Symbol) -> list[Symbol]:
         """The functions at the coordinates (mm, rad), symbolic."""
-        each = [[1.0, *ca.vertsplit(f(q))] for (_, f), q in zip(self._families, coordinates, strict=True)]
-        return [ca.SX(math.prod(one[k] for one, k in zip(each, chosen, strict=True))) for _, chosen in self._products]
+        each = [ca.vertsplit(f(q)) for (_, f), q in zip(self._families, coordinates, strict=True)]
+        return [
+            reduce(operator.mul, (one[k - 1] for one, k in zip(each, chosen, strict=True) if k))
+            for _, chosen in self._products
+        ]
 
     def matrix(self, *coordinates: Array) -> Array:
         """The functions at N points: (N, number of functions)."""

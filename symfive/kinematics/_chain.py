@@ -68,11 +68,16 @@ def _rotation(direction: tuple[float, float, float] | int, angle: Symbol) -> Sym
         return ca.SX.eye(3)
     if isinstance(direction, int):
         direction = (float(direction == 0), float(direction == 1), float(direction == 2))
-    c, s = ca.cos(angle), ca.sin(angle)
-    x, y, z = direction
+    across, cross, outer = _about(*direction)
+    return ca.cos(angle) * across + ca.sin(angle) * cross + outer
+
+
+@lru_cache(maxsize=64)
+def _about(x: float, y: float, z: float) -> tuple[Symbol, Symbol, Symbol]:
+    """1 - u uᵀ, the cross product with u, and u uᵀ of a unit vector u."""
     cross = ca.sparsify(ca.DM([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]))
     outer = ca.sparsify(ca.DM([[x * x, x * y, x * z], [x * y, y * y, y * z], [x * z, y * z, z * z]]))
-    return c * (ca.DM.eye(3) - outer) + s * cross + outer
+    return ca.SX(ca.DM.eye(3) - outer), ca.SX(cross), ca.SX(outer)
 
 
 def angles(a: Symbol, b: Symbol, c: Symbol) -> Symbol:
