@@ -30,13 +30,13 @@ MACHINE = "nutating-table"
 MINUTES, SPEED = 7.0, 20.0
 DRAWN = 3
 """Machines that the plant draws."""
-COARSE = {"POSITIONS": 16, "OF_A_BAR": 16, "SHAKES": 12, "HALVINGS": 2}
+COARSE = {"POSITIONS": 8, "OF_A_BAR": 8, "SHAKES": 6, "HALVINGS": 1}
 SHIPPED = {name: getattr(_sweep_search, name) for name in COARSE}
 
 
 @pytest.fixture(scope="module", autouse=True)
 def coarse() -> Iterator[None]:
-    """The same search on fewer positions, with fewer steps, and a tenth of the sweeps that only a certificate looks at. Slow
+    """The same search on a sixth to a tenth of the positions, with few steps, and a tenth of the sweeps that only a certificate looks at. Slow
     tests run the search as it ships."""
     with pytest.MonkeyPatch.context() as patch:
         for name, size in COARSE.items():
