@@ -17,7 +17,7 @@ NOISE_UM = 0.3
 def circles(too_long_um: float) -> Campaign:
     """Circles in XY and ZX of a machine without any error, axes without drives."""
     machine = without_drives(preset("three-axis"))
-    plans = [planar_circle(machine, plane=plane, direction="ccw", feed=2000.0, rate_hz=8.0) for plane in ("XY", "ZX")]
+    plans = [planar_circle(machine, plane=plane, direction="ccw", feed=2000.0, rate_hz=4.0) for plane in ("XY", "ZX")]
     plan, rng = campaign_of(machine, [run for runs in plans for run in runs]), np.random.default_rng(3)
     runs = [
         replace(r, readings={"dL_um": rng.normal(-too_long_um, NOISE_UM, r.rows)}, noise_um=NOISE_UM) for r in plan.runs

@@ -14,7 +14,7 @@ from symfive.identify import identify
 @pytest.fixture(scope="module")
 def plan(tmp_path_factory):
     folder = tmp_path_factory.mktemp("circles") / "plan"
-    made = circular_test("nutating-table", planes=("XY", "ZX"), radius=100.0, rate_hz=20.0)
+    made = circular_test("nutating-table", planes=("XY", "ZX"), radius=100.0, rate_hz=10.0)
     made.write(folder, nc=())
     return made, folder
 

@@ -35,7 +35,7 @@ def machine():
 
 @pytest.fixture(scope="module")
 def planned(demo, machine):
-    return demo.make_plan(machine, points=12, rate_hz=6.0)
+    return demo.make_plan(machine, points=8, rate_hz=6.0)
 
 
 @pytest.fixture(scope="module")

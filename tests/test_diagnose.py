@@ -184,9 +184,9 @@ def _plays_at_two_feeds(planes: tuple[str, str], plays: tuple[float, float]) -> 
     machine, runs = preset("three-axis"), []
     for k, (plane, play, feed) in enumerate(zip(planes, plays, (1000.0, 2000.0), strict=True)):
         for sense in (1, -1):
-            phi = sense * 2.0 * np.pi * (np.arange(360) + 0.5) / 360
-            moved = 0.5 * play * sense * np.sign(np.sin(phi)) * np.cos(phi) if plane == "XY" else np.zeros(360)
-            read = moved + 0.3 * np.random.default_rng([k, sense + 1]).standard_normal(360)
+            phi = sense * 2.0 * np.pi * (np.arange(120) + 0.5) / 120
+            moved = 0.5 * play * sense * np.sign(np.sin(phi)) * np.cos(phi) if plane == "XY" else np.zeros(120)
+            read = moved + 0.3 * np.random.default_rng([k, sense + 1]).standard_normal(120)
             circle = {"centre": (0.0, 0.0, 80.0), "radius": 100.0, "feed": feed, "plane": plane}
             runs.append(polar_run(machine, np.degrees(phi), read, id=f"{plane}{feed:.0f}{sense}", **circle))
     before = identify(Campaign(machine=machine, runs=tuple(runs)), noise="repeats")

@@ -153,7 +153,7 @@ def log_evidence_at_unit_scale(moments: Moments, number: int) -> float:
 @pytest.mark.parametrize(("others", "least", "most"), [(5.0, 0.0, 1.0), (0.0, 100.0, np.inf)])
 def test_a_play_is_contradicted_by_circles_without_it(others: float, least: float, most: float) -> None:
     """Fitted to all circles it makes those without it worse."""
-    campaign, without = bars({"X": 5.0}), bars({"X": others})
+    campaign, without = bars({"X": 5.0}, angles=300), bars({"X": others}, angles=300)
     more = [replace(run, id=f"{run.id}-2", file=f"{run.id}-2.csv") for run in without.runs]
     campaign = replace(campaign, runs=(*campaign.runs, *more))
     plain, white = baseline(campaign), nodes_of(1.0)[0]
