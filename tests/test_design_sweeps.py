@@ -36,8 +36,8 @@ SHIPPED = {name: getattr(_sweep_search, name) for name in COARSE}
 
 @pytest.fixture(scope="module", autouse=True)
 def coarse() -> Iterator[None]:
-    """The same search on a sixth to a tenth of the positions, with few steps, and a tenth of the sweeps that only a certificate looks at. Slow
-    tests run the search as it ships."""
+    """The same search on a sixth of the positions or fewer, with few steps, and a tenth of the sweeps that only a certificate
+    looks at. Slow tests run the search as it ships."""
     with pytest.MonkeyPatch.context() as patch:
         for name, size in COARSE.items():
             patch.setattr(_sweep_search, name, size)

@@ -91,12 +91,19 @@ def _nothing(*_):
 
 
 @pytest.fixture
-def page_of(found, tmp_path, monkeypatch):
+def drawn_page_of(found, tmp_path, monkeypatch):
     """The page of a diagnosis with some findings and other changes, without figures but theirs, and none as a file."""
     monkeypatch.setattr(_diagnosis, "drawn", lambda *_: "")
     monkeypatch.setattr(_diagnosis, "geometry_chart", _nothing)
     monkeypatch.setattr(_report, "write_bytes", lambda *_: None)
     return lambda *findings, **other: diagnosis_report(replace(found, findings=findings, **other), tmp_path).read_text()
+
+
+@pytest.fixture
+def page_of(drawn_page_of, monkeypatch):
+    """The same without the figures of the findings."""
+    monkeypatch.setattr(_diagnosis, "finding_figure", _nothing)
+    return drawn_page_of
 
 
 @pytest.fixture(scope="module")
@@ -311,7 +318,7 @@ def test_a_clean_campaign_gets_a_short_page(found, tmp_path, monkeypatch):
     assert not (tmp_path / "figures" / "geometry.png").exists()
 
 
-def test_what_users_wrote_is_escaped(found, page_of):
+def test_what_users_wrote_is_escaped(found, drawn_page_of):
     first = found.findings[1]
     evil = replace(
         first, says=HOSTILE, next_test=f"next/{HOSTILE}", runs=(*first.runs, "<img src=x onerror=alert(1)>"),
@@ -321,7 +328,7 @@ def test_what_users_wrote_is_escaped(found, page_of):
     after = replace(found.after, notes=(HOSTILE,), outliers=(Outlier("nest1", 3, "dx_um", 9.0, 22.0),))
     odd = Observability(HOSTILE, HOSTILE, HOSTILE, 0.1, 2.0)
     location = replace(found.location, observability=(odd,), classes=((HOSTILE, "b"),))
-    page = Page(page_of(evil, after=after, location=location))
+    page = Page(drawn_page_of(evil, after=after, location=location))
     assert page.tags.count("script") == 1 and "img" not in page.tags
     assert not any(name.startswith("on") for name, _ in page.attributes)
     assert page.words.count(HOSTILE) >= 8 and "nest1.csv" in page.words
@@ -372,8 +379,10 @@ COORDINATES = {
     "coordinate",
     [c if c in ("B velocity sign", "t", "B, C") else pytest.param(c, marks=pytest.mark.slow) for c in COORDINATES],
 )
-def test_coordinates_are_drawn_with_their_units(found, page_of, coordinate):
-    drawn = page_of(replace(found.findings[1], coordinate=coordinate)).partition('<figure id="finding-1-residual"')[2]
+def test_coordinates_are_drawn_with_their_units(found, drawn_page_of, coordinate):
+    drawn = drawn_page_of(replace(found.findings[1], coordinate=coordinate)).partition(
+        '<figure id="finding-1-residual"'
+    )[2]
     words = Page(drawn.partition("</figure>")[0]).words.replace(" over one revolution", "")
     for label in COORDINATES[coordinate]:
         assert label.replace(" over one revolution", "") in words
