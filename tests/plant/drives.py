@@ -10,6 +10,7 @@ friction is set-valued: it sticks while |u| is below the breakaway level.  Units
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -18,6 +19,9 @@ from numpy.typing import ArrayLike
 
 from .chain import Array
 from .scan import compiled_scan, python_scan
+
+BLOCK = 32
+"""Rows of a linear drive that are advanced together."""
 
 
 @dataclass(frozen=True)
@@ -155,11 +159,19 @@ def follow(drive: Drive, c: ArrayLike, dt: float, substep: float = 1e-4, *, comp
 
 
 def _scan_linear(a: Array, b: Array, c: Array, dt: float, z: Array) -> Array:
+    """z[k + 1] = Phi z[k] + drive[k], a block of rows at a time: its answer from rest, and then what it begins with."""
     p, g = transition(a, b, dt)
     rate = np.append(np.diff(c) / dt, 0.0)
-    drive = np.outer(c, g[:, 0]) + np.outer(rate, g[:, 1])
-    out = np.empty((len(c), len(z)))
-    for k in range(len(c)):
-        out[k] = z
-        z = p @ z + drive[k]
+    blocks = -(-len(c) // BLOCK)
+    drive = np.zeros((blocks * BLOCK, len(z)))
+    drive[: len(c)] = np.outer(c, g[:, 0]) + np.outer(rate, g[:, 1])
+    powers = np.stack(list(itertools.accumulate([p] * BLOCK, np.matmul, initial=np.eye(len(p)))))
+    since = np.arange(BLOCK + 1)[:, None] - 1 - np.arange(BLOCK)
+    answers = np.where((since >= 0)[..., None, None], powers[since], 0.0).swapaxes(1, 2)
+    rested = drive.reshape(blocks, -1) @ answers.reshape((BLOCK + 1) * len(z), -1).T
+    states = rested.reshape(blocks, BLOCK + 1, len(z))
+    for block in states:
+        block += powers @ z
+        z = block[-1]
+    out = states[:, :-1].reshape(-1, len(z))[: len(c)]
     return np.column_stack([out, out @ a[1] + b[1, 0] * c + b[1, 1] * rate])
