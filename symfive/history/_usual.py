@@ -77,7 +77,7 @@ class Predictive:
         normal = 2.0 * ndtr(-size / self._size(combined, self.likely[:, None])[..., 0])
         m, q = np.nonzero(normal < 2.0 * ndtr(-NEAR))
         far = combined[m, q]
-        excess = np.einsum("ni,nkij,nj->nk", far, self.kinds[m], far, optimize=True)
+        excess = ((self.kinds[m] @ far[:, None, :, None])[..., 0] * far[:, None]).sum(axis=2)
         each = np.sqrt(np.maximum((far**2).sum(axis=1)[:, None] + excess @ self.squares.T, LEAST))
         normal[m, q] = (2.0 * ndtr(-size[m, q, None] / each) * self.grid[m]).sum(axis=1)
         return np.asarray((weights[:, None, :-1] * tails).sum(axis=2) + weights[:, -1:] * normal)
