@@ -37,7 +37,7 @@ from symfive.motion import (
 )
 from symfive.posterior import baseline, candidates, expanded, moments_about
 from symfive.procedures import campaign_of, planar_circle, r_test_grid
-from symfive.report import identification_report
+from symfive.report import _report, identification_report
 from symfive.simulate import simulate
 
 
@@ -130,7 +130,8 @@ def test_rows_count_and_not_the_numbers_that_order_them() -> None:
         np.testing.assert_allclose(one[run.id], two[run.id], atol=1e-12)
 
 
-def test_slow_noise_without_a_clock_lasts_rows(tmp_path: Path) -> None:
+def test_slow_noise_without_a_clock_lasts_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(_report, "FIGURES", ())
     found = identify(unclocked(campaign(positioning())))
     slow = Noise(NOISE_UM, 0.5, 7.0, NOISE_UM)
     found = replace(found, noises=dict.fromkeys(found.noises, slow))
@@ -232,10 +233,9 @@ def test_converters_declare_what_was_not_recorded(name: str) -> None:
 
 def test_converters_keep_the_clocks_that_were() -> None:
     recordings("ess-xyz")
-    assert {run.has_clock: run.id[-4:] for run in convert("ess-xyz").runs if "stops" in run.id or run.dynamic} == {
-        True: "scan"
-    }
-    assert not any(run.has_clock for run in convert("ess-xyz").runs if not run.dynamic and "stops" not in run.id)
+    runs = convert("ess-xyz").runs
+    assert {run.has_clock: run.id[-4:] for run in runs if "stops" in run.id or run.dynamic} == {True: "scan"}
+    assert not any(run.has_clock for run in runs if not run.dynamic and "stops" not in run.id)
 
 
 def late_circles(sigma: float) -> Campaign:

@@ -21,7 +21,7 @@ from symfive.identify._mounted import CERTAIN, _Comparison, _Group  # odds, of w
 from symfive.machine import preset
 from symfive.model import Model
 from symfive.procedures import campaign_of, linear_positioning
-from symfive.report import diagnosis_text, identification_report
+from symfive.report import _report, diagnosis_text, identification_report
 from symfive.simulate import simulate
 
 NESTS = ((90.0, -20.0, 50.0), (-40.0, 60.0, 100.0), (30.0, -70.0, 150.0), (-80.0, -40.0, 70.0))
@@ -110,7 +110,8 @@ def test_files_keep_mountings_and_the_older_name_of_a_placement(tmp_path: Path) 
     assert "mounting.first.placement.a" in Model(older).index
 
 
-def test_identification_and_report_name_the_mounting(tmp_path: Path) -> None:
+def test_identification_and_report_name_the_mounting(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(_report, "FIGURES", ())
     result = identify(concealed(tmp_path / "c"))
     data = result.to_data()
     assert set(data["mountings"]) == {"spindle"}
