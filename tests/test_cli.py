@@ -12,6 +12,7 @@ from dataclasses import replace
 import cli_world
 import pytest
 from cli_world import BAR, CAMPAIGNS, cell, files, refused, spoil
+from pages import without_figures
 
 import symfive.cli as cli
 from symfive import __version__
@@ -279,7 +280,8 @@ def test_diagnose_names_what_is_hidden(symfive, tmp_path):
     assert {effect.id for effect in read_model(tmp_path / "d").effects} == {"backlash"}
 
 
-def test_diagnose_of_a_clean_campaign_is_done_and_finds_nothing(symfive, tmp_path):
+def test_diagnose_of_a_clean_campaign_is_done_and_finds_nothing(symfive, tmp_path, monkeypatch):
+    without_figures(monkeypatch)
     answer = symfive("diagnose", BAR, "-o", tmp_path / "d")
     assert answer.code == 0
     data = json.loads((tmp_path / "d" / "diagnosis.json").read_text())

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from laser_world import axis_alone, laser_run
+from pages import without_figures
 
 from symfive import cli
 from symfive.campaign import Campaign, write_campaign
@@ -200,7 +201,10 @@ def test_runs_too_short_to_be_halved() -> None:
         parted(replace(measured, runs=(measured.runs[0].part(0, 3),)), "half")
 
 
-def test_the_command_line_holds_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_line_holds_out(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    without_figures(monkeypatch)
     write_campaign(axis_test(), tmp_path / "c")
     verb = ["diagnose", str(tmp_path / "c"), "-o", str(tmp_path / "d")]
     assert cli.main([*verb, "--hold-out", "runs:no"]) == 2
