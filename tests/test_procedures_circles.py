@@ -252,6 +252,15 @@ def test_the_suggested_feed_is_possible():
         assert planar_circle(machine, radius=radius, feed=float(caught.value.remedy.split()[-2]), rate_hz=2000.0)
 
 
+@pytest.mark.parametrize("rate_hz", [40.0, 2000.0])
+def test_a_steep_run_up_is_refused_however_few_rows_it_has(rate_hz: float) -> None:
+    """An arc of 220° gets up to its feed within 2°: 40 rows a second did not see it, and the feed advised was refused."""
+    machine = preset("three-axis")
+    with pytest.raises(InputError, match=r"axis Z would accelerate at 35.* lower the feed to at most") as caught:
+        planar_circle(machine, plane="ZX", feed=7940.0, rate_hz=rate_hz)
+    assert planar_circle(machine, plane="ZX", feed=float(caught.value.remedy.split()[-2]), rate_hz=rate_hz)
+
+
 def test_a_table_that_turns_against_iso_841_has_its_ball_above_it() -> None:
     """As the stock trunnion modules of LinuxCNC turn: only the angles of C change their sign."""
     usual = preset("table-bc")

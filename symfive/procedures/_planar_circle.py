@@ -34,6 +34,8 @@ PARTIAL_DEG = 220.0
 """Arc of a bar over what carries its ball: it dips by 20° below the ball's height at either end."""
 OVERSHOOT_DEG, SHORT_DEG = 180.0, 2.0
 """Before and after the data: of a whole circle, of a partial arc."""
+ROWS_A_RAMP = 50
+"""In which the greatest acceleration of an axis is sought."""
 UPRIGHT = {"XY": None, "YZ": 90.0, "ZX": 0.0}
 """Angle of +Z in each plane, degree."""
 
@@ -103,12 +105,19 @@ def planar_circle(
     runs = []
     for mm_per_min in feeds:
         speed = mm_per_min / 60.0 / size
-        time, way = along(reach, speed, float(ramp_of(machine, speed, size, run_up)), rate_hz)
+        ramp = float(ramp_of(machine, speed, size, run_up))
+        time, way = along(reach, speed, ramp, rate_hz)
+        near, turned = along(2.0 * ramp, speed, ramp, ROWS_A_RAMP * speed / ramp)  # up and down again
+        up = near <= 2.0 * ramp / speed
+        around = np.linspace(ramp, reach - ramp, 361)
+        close = [(around / speed, around), (near[up], turned[up]), (near[~up], reach - 2.0 * ramp + turned[~up])]
         for sense in senses(direction):
-            phi = first + way if DIRECTIONS[sense] > 0 else first + reach - way
             id = f"{plane.lower()}-{sense}" if len(feeds) == 1 else f"{plane.lower()}-f{mm_per_min:g}-{sense}"
-            place = "the radius, the centre or the tool length"
-            runs.append(checked(machine, run_of(id, time, phi, size), feed=mm_per_min, place=place))
+            for times, part in (*close, (time, way)):  # few rows miss what an axis needs between them
+                phi = first + part if DIRECTIONS[sense] > 0 else first + reach - part
+                run = run_of(id, times, phi, size)
+                checked(machine, run, feed=mm_per_min, place="the radius, the centre or the tool length")
+            runs.append(run)
         check_spacing(speed, rate_hz)
     return one_after_another(runs)
 
