@@ -155,7 +155,8 @@ def _step(matrix: Array, gradient: Array, damping: float, free: Indices, lowest:
     while inner.size:
         pull = gradient[inner] - matrix[inner] @ np.where(np.isin(np.arange(len(step)), inner), 0.0, step)
         part = matrix[np.ix_(inner, inner)]
-        step[inner] = np.linalg.solve(part + damping * np.diag(np.diag(part)), pull)
+        size = np.sqrt(np.diag(part))  # where a drive is unstable, 1e43 beside 1e2
+        step[inner] = np.linalg.solve(part / size / size[:, None] + damping * np.eye(len(part)), pull / size) / size
         bounded = np.clip(step, lowest, highest)
         beyond = bounded[inner] != step[inner]
         step[inner[beyond]] = bounded[inner[beyond]]
