@@ -92,7 +92,6 @@ def test_a_ball_that_creeps_in_its_holder_is_told_from_slow_noise(tmp_path):
     assert abs(said["creep_s"].value - 150.0) < 3.0 * said["creep_s"].std
 
 
-@wrong("a shift of the set-up is named")
 @pytest.mark.slow
 def test_a_blow_on_the_machine_is_one_unknown_at_its_instant(tmp_path):
     machine = plant.planar_table()
