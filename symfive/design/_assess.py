@@ -194,8 +194,8 @@ def assess(
     covariance = inverse(matrix + precision)
     chosen = np.flatnonzero(machine)
     value = _volume(matrix + precision, chosen, model.prior_sigma)
-    steady = steady + precision
-    worth = {run.id: _worth(model, run, steady, inverse(steady), chosen, margins, noise) for run in model.campaign.runs}
+    still = steady + precision, inverse(steady + precision)
+    worth = {run.id: _worth(model, run, *still, chosen, margins, noise) for run in model.campaign.runs}
     whole = {run: _volume(matrix - mine + precision, chosen, model.prior_sigma) - value for run, mine in seen.items()}
     return Assessment(
         parameters=model.parameters, covariance=covariance, rank=data_rank(matrix, model.prior_sigma),
