@@ -88,13 +88,7 @@ def _check_rates(machine: Machine, run: Run, feed: float | None, unit: str) -> N
             limit = f"its limit is {axis.max_acceleration:g}"
             culprit = f"axis {name} would accelerate at {push:.5g} {axis.unit}/s², {limit}"
     if culprit:
-        most = "go slower"
-        if (
-            feed is not None
-        ):  # three digits, rounded down from 0.2 % less: rows see a little less than the greatest acceleration
-            least = feed * factor * 0.998
-            scale = 10.0 ** (np.floor(np.log10(least)) - 2.0)
-            most = f"lower the feed to at most {np.floor(least / scale) * scale:g} {unit}"
+        most = f"lower the feed to at most {_below(feed * factor):g} {unit}" if feed is not None else "go slower"
         raise InputError(f"run {run.id}: {culprit}", remedy=most)
 
 
@@ -118,3 +112,10 @@ def _move_time(way: Array, axis: Axis) -> Array:
     trapezium = way / speed + speed / push if np.isfinite(speed) else triangle
     reaches = way * push > speed**2 if np.isfinite(push) else np.full(way.shape, True)
     return np.where(reaches, trapezium, triangle) if np.isfinite(speed) else triangle
+
+
+def _below(value: float) -> float:
+    """Three digits, rounded down from 0.2 % less, since rows see a little less than the greatest acceleration."""
+    value *= 0.998
+    scale = 10.0 ** (np.floor(np.log10(value)) - 2.0)
+    return float(np.floor(value / scale) * scale)

@@ -107,10 +107,12 @@ def planar_circle(
         speed = mm_per_min / 60.0 / size
         ramp = float(ramp_of(machine, speed, size, run_up))
         time, way = along(reach, speed, ramp, rate_hz)
-        near, turned = along(2.0 * ramp, speed, ramp, ROWS_A_RAMP * speed / ramp)  # up and down again
-        up = near <= 2.0 * ramp / speed
         around = np.linspace(ramp, reach - ramp, 361)
-        close = [(around / speed, around), (near[up], turned[up]), (near[~up], reach - 2.0 * ramp + turned[~up])]
+        close = [(around / speed, around)]
+        if ramp == run_up:  # cut short, or it would take `CAUTION` of the acceleration
+            near, turned = along(2.0 * ramp, speed, ramp, ROWS_A_RAMP * speed / ramp)  # up and down again
+            up = near <= 2.0 * ramp / speed
+            close += [(near[up], turned[up]), (near[~up], reach - 2.0 * ramp + turned[~up])]
         for sense in senses(direction):
             id = f"{plane.lower()}-{sense}" if len(feeds) == 1 else f"{plane.lower()}-f{mm_per_min:g}-{sense}"
             for times, part in (*close, (time, way)):  # few rows miss what an axis needs between them
