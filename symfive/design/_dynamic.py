@@ -305,7 +305,7 @@ def _kept(
 
 def _by_mounting(circles: Sequence[Circle]) -> list[Circle]:
     """The circles, those with balls and bar alike one after another, so that these can stay."""
-    stand = [(circle.runs[0].table_ball, circle.runs[0].tool_ball, circle.runs[0].length) for circle in circles]
+    stand = [circle.runs[0].stands for circle in circles]
     return [circles[i] for i in sorted(range(len(circles)), key=lambda i: stand.index(stand[i]))]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import takewhile
 from typing import Any
 
 import numpy as np
@@ -126,11 +127,9 @@ def mounted_before(runs: Sequence[Run], run: Run) -> Run | None:
     """The first of the earlier runs whose ball, tool and bar stand as in this one; of a recording only those right before it, in
     which nothing was taken away since. None where it is a new mounting."""
     earlier = list(runs[: [r.id for r in runs].index(run.id)])
-    alike = [(e.table_ball, e.tool_ball, e.length) == (run.table_ball, run.tool_ball, run.length) for e in earlier]
-    if run.dynamic and False in alike:
-        last = len(alike) - alike[::-1].index(False)
-        earlier, alike = earlier[last:], alike[last:]
-    return next((e for e, same in zip(earlier, alike, strict=True) if same), None)
+    if run.dynamic:
+        earlier = list(takewhile(lambda e: e.stands == run.stands, reversed(earlier)))[::-1]
+    return next((e for e in earlier if e.stands == run.stands), None)
 
 
 def pose_table(campaign: Campaign, run: Run, post: Post) -> dict[str, Any]:

@@ -138,7 +138,7 @@ class PlanSearch:
 
     def _with_clear_ways(self, schedule: Schedule, run: Run) -> Post:
         """The ways of one run's program, all of them clear."""
-        setup = run.table_ball, run.tool_ball, run.length
+        setup = run.stands
         key = run.id, *setup, np.stack([*run.commands.values()]).tobytes()
         if key not in self._cleared:
             name, via = run.id, {run.id: schedule.via[run.id]} if run.id in schedule.via else {}

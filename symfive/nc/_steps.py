@@ -64,8 +64,7 @@ def series_of(machine: Machine, runs: Sequence[Run]) -> list[tuple[Run, ...]]:
 def _goes_on(machine: Machine, before: Run, run: Run) -> bool:
     """Whether a circle begins, its bar pulled out, where the one before it ended."""
     a, b = circle_of(machine, before), circle_of(machine, run)
-    alike = (before.instrument, before.table_ball, before.tool_ball, before.length)
-    if a is None or b is None or alike != (run.instrument, run.table_ball, run.tool_ball, run.length):
+    if a is None or b is None or (before.instrument, before.stands) != (run.instrument, run.stands):
         return False
     if not has_bar(run) or (a.plane, a.centre, a.radius) != (b.plane, b.centre, b.radius):
         return False

@@ -135,7 +135,7 @@ def left_in_place(runs: Iterable[Run]) -> Iterator[Run]:
     touches them in between, so that their set-up errors are the same."""
     number, before = 0, None
     for run in runs:
-        stands = (run.table_ball, run.tool_ball, run.length) if run.dynamic and run.length is not None else None
+        stands = run.stands if run.dynamic and run.length is not None else None
         number, before = number + (stands != before), stands
         yield run if stands is None else replace(run, mounting=dict.fromkeys(MOUNTED, f"{number}"))
 

@@ -253,6 +253,11 @@ class Run(OnScreen):
         return f"run {self.id}: {plural(self.rows, 'row')}, {instruments}, {self.sampling}{clock}, {noise}, {state}"
 
     @property
+    def stands(self) -> tuple[Vector, Vector, float | None]:
+        """Where balls and bar stand: runs that have the same may share a mounting."""
+        return self.table_ball, self.tool_ball, self.length
+
+    @property
     def rows(self) -> int:
         """Number of rows."""
         return int(self.time.size)
