@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
-import casadi as ca
 import numpy as np
 
 from symfive.arrays import Array, Flags
 from symfive.campaign import Run
 from symfive.instruments import fitted_parts, has_bar
-from symfive.kinematics import ball_in_workpiece
-from symfive.machine import Machine
+from symfive.machine import Machine, designed_ball
 
 LEAST_SWEEP = np.radians(60.0)
 INSTRUMENTS = ("ball_bar", "grid_encoder")
@@ -91,10 +88,6 @@ class CircleFinder:
 
     def __init__(self, machine: Machine) -> None:
         self.machine = machine
-        names = machine.axis_names
-        q, ball = ca.SX.sym("q", len(names)), ca.SX.sym("ball", 3)
-        position = {name: machine.axes[name].to_internal * q[i] for i, name in enumerate(names)}
-        self._ball: Any = ca.Function("ball", [q, ball], [ca.densify(ball_in_workpiece(machine, position, ball))])
 
     def find(self, run: Run) -> Circle | None:
         """The circle of a run of a ball bar or a grid encoder, None where it describes none.
@@ -105,8 +98,7 @@ class CircleFinder:
         if run.rows < 8 or not set(run.instrument) & set(INSTRUMENTS):
             return None
         name, columns = next(part for part in fitted_parts(run, self.machine) if part[0] in INSTRUMENTS)
-        q = np.stack([run.commands[name] for name in self.machine.axis_names])
-        ball = np.asarray(self._ball.map(run.rows)(ca.DM(q), ca.DM(run.tool_ball))).T
+        ball = designed_ball(self.machine, run.commands, run.tool_ball)
         arm = ball - np.asarray(run.table_ball) if name == "ball_bar" else ball - _centre(ball)
         turned = _turned(arm)
         if turned is not None:
