@@ -12,7 +12,7 @@ from symfive.arrays import Array, Indices
 from symfive.design._space import Space
 from symfive.errors import InputError
 from symfive.instruments import INSTRUMENTS
-from symfive.optimal import Candidates, Rows, Task, inverse, marginal_sensitivity
+from symfive.optimal import Candidates, Rows, Task, exchanged_options, inverse, marginal_sensitivity
 
 LEVELS = {"rotary": 13, "turn": 24, "bar azimuth": 12, "bar elevation": 7}
 PER_SETUP = 500
@@ -159,23 +159,8 @@ def _best_of(task: Task, gains: list[Array], count: int) -> list[int]:
     """Greedy and exchange over set-ups."""
     stacked = np.stack(gains)
 
-    def best(chosen: list[int]) -> tuple[float, int]:
-        """The set-up to add to those chosen, and ψ with it."""
-        information = task.prior + stacked[chosen].sum(axis=0) + stacked
-        values = [task.criterion.value(task.of_interest(S)) for S in np.linalg.inv(information)]
-        return min(values), int(np.argmin(values))
+    def values(others: list[int], place: int) -> list[float]:
+        information = task.prior + stacked[others].sum(axis=0) + stacked
+        return [task.criterion.value(task.of_interest(S)) for S in np.linalg.inv(information)]
 
-    chosen: list[int] = []
-    value = math.inf
-    while len(chosen) < min(count, len(gains)):
-        value, added = best(chosen)
-        chosen.append(added)
-    improved = len(chosen) > 1
-    while improved:
-        improved = False
-        for place in range(len(chosen)):
-            reached, added = best(chosen[:place] + chosen[place + 1 :])
-            if reached < value - 1e-9:
-                value, chosen[place] = reached, added
-                improved = True
-    return chosen
+    return exchanged_options(min(count, len(gains)), values)[1]

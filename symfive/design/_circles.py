@@ -16,7 +16,7 @@ from symfive.machine import Machine
 from symfive.model import Model
 from symfive.moves import cleared
 from symfive.nc import addressed
-from symfive.optimal import Criterion, inverse, marginal
+from symfive.optimal import Criterion, exchanged_options, inverse, marginal
 from symfive.procedures import heights
 
 
@@ -201,15 +201,9 @@ def chosen_clear(
 
 def _most_informative(goal: Goal, circles: Sequence[Circle], count: int) -> list[Circle]:
     """Greedy, then exchange until nothing improves."""
-    chosen: list[Circle] = []
-    while len(chosen) < count:
-        chosen.append(min(circles, key=lambda c: goal.value([*chosen, c])))
-    value, improved = goal.value(chosen), True
-    while improved:
-        improved = False
-        for place in range(count):
-            others = chosen[:place] + chosen[place + 1 :]
-            best = min(circles, key=lambda c: goal.value([*others, c]))
-            if goal.value([*others, best]) < value - 1e-9:
-                chosen[place], value, improved = best, goal.value([*others, best]), True
-    return chosen
+
+    def values(others: list[int], place: int) -> list[float]:
+        beside = [circles[i] for i in others]
+        return [goal.value([*beside, circle]) for circle in circles]
+
+    return [circles[i] for i in exchanged_options(count, values)[1]]

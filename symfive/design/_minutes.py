@@ -26,7 +26,7 @@ import numpy as np
 from symfive.arrays import Array
 from symfive.design._mountings import Mounting
 from symfive.design._schedule import SETUP_S
-from symfive.optimal import Candidates, Task, inverse, marginal_sensitivity, relax
+from symfive.optimal import Candidates, Task, exchanged_options, inverse, marginal_sensitivity, relax
 
 Kinds = tuple[str, ...]
 GAP = 1e-2
@@ -108,21 +108,13 @@ class Mixes:
 
     def _exchanged(self, kinds: Kinds, gains: Mapping[str, Array]) -> tuple[float, list[int]]:
         """Which mounting of each kind, by greedy choice and exchange."""
-        picked: list[int] = []
-        value, improved = math.inf, True
-        while improved or len(picked) < len(kinds):
-            improved = False
-            for place, kind in enumerate(kinds):
-                others = [gains[k][i] for p, (k, i) in enumerate(zip(kinds, picked, strict=False)) if p != place]
-                known = self.task.prior + sum(others, np.zeros_like(self.task.prior))
-                values = [self.task.value(known + gain) for gain in gains[kind]]
-                least = int(np.argmin(values))
-                if place == len(picked):
-                    picked.append(least)
-                    value, improved = values[least], True
-                elif values[least] < value - 1e-9:
-                    picked[place], value, improved = least, values[least], True
-        return value, picked
+
+        def values(others: list[int], place: int) -> list[float]:
+            beside = [gains[k][i] for k, i in zip(kinds[:place] + kinds[place + 1 :], others, strict=False)]
+            known = self.task.prior + sum(beside, np.zeros_like(self.task.prior))
+            return [self.task.value(known + gain) for gain in gains[kinds[place]]]
+
+        return exchanged_options(len(kinds), values)
 
     def _relaxed(self, kinds: Kinds, chosen: Sequence[Mounting]) -> Mix:
         ny = max(m.rows.shape[2] for m in chosen)

@@ -7,7 +7,7 @@ find designs of whole poses, `refine` moves their poses, `relax` bounds them all
 
 from symfive.optimal._cells import TINY, Cells, Cut, FirstCells, first_cells
 from symfive.optimal._criteria import CRITERIA, Criterion, Trace, Volume, Worst, criterion_of, name_of
-from symfive.optimal._exchange import Candidates, exchange
+from symfive.optimal._exchange import Candidates, exchange, exchanged_options
 from symfive.optimal._information import Layout, Task, inverse, marginal
 from symfive.optimal._kernel import Kernel
 from symfive.optimal._marginal import Marginal, marginal_sensitivity
@@ -17,6 +17,7 @@ from symfive.optimal._spectrum import spectrum_of
 
 __all__ = [
     "CRITERIA", "TINY", "Candidates", "Cells", "Criterion", "Cut", "FirstCells", "Kernel", "Layout", "Marginal", "Objective",
-    "Relaxed", "Rows", "Task", "Trace", "Volume", "Worst", "apportioned", "choose", "criterion_of", "exchange", "first_cells",
-    "inverse", "marginal", "marginal_sensitivity", "name_of", "refine", "relax", "sensitivity", "spectrum_of",
+    "Relaxed", "Rows", "Task", "Trace", "Volume", "Worst", "apportioned", "choose", "criterion_of", "exchange",
+    "exchanged_options", "first_cells", "inverse", "marginal", "marginal_sensitivity", "name_of", "refine", "relax",
+    "sensitivity", "spectrum_of",
 ]  # fmt: skip

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -12,6 +13,8 @@ from symfive.optimal._information import Layout, Task, inverse
 
 WORTH = 1e-6
 """An exchange must lower ψ by more than this."""
+LOWER = 1e-9
+"""What an exchange of whole set-ups or circles must lower ψ by."""
 PASSES = 12
 AT_ONCE = 16
 """Candidates about which is asked together."""
@@ -192,3 +195,21 @@ class _Asked:
     def _ask(self, some: Indices) -> None:
         assert self.allowed is not None
         self._known |= dict(zip(some.tolist(), map(bool, self.allowed(some)), strict=True))
+
+
+def exchanged_options(count: int, values: Callable[[list[int], int], Sequence[float]]) -> tuple[float, list[int]]:
+    """One option for each of `count` places, greedily and then by exchange until nothing lowers ψ: ψ and the options.
+
+    `values` is ψ with each option at a place, beside those chosen for the others.
+    """
+    chosen: list[int] = []
+    value, improved = math.inf, True
+    while improved:
+        improved = False
+        for place in range(count):
+            reached = values(chosen[:place] + chosen[place + 1 :], place)
+            best = int(np.argmin(reached))
+            if place == len(chosen) or reached[best] < value - LOWER:
+                chosen[place : place + 1] = [best]
+                value, improved = reached[best], True
+    return value, chosen
