@@ -85,12 +85,10 @@ def among(
 
 
 @contextmanager
-def inside(
-    *keys: str | int, path: Path | str | None = None, line: int | None = None, column: int | None = None
-) -> Iterator[None]:
-    """Errors of the block lie in this file, line and column, as far as they do not know better, and at or below `keys`: their own
-    key path is continued upward."""
+def inside(*keys: str | int, path: Path | str | None = None, line: int | None = None) -> Iterator[None]:
+    """Errors of the block lie in this file and line, as far as they do not know better, and at or below `keys`: their own key
+    path is continued upward."""
     try:
         yield
     except InputError as error:
-        raise error.at(path, line, column, keys=(*keys, *error.keys)) from None
+        raise error.at(path, line, keys=(*keys, *error.keys)) from None
