@@ -14,6 +14,7 @@ from symfive.codegen._chain import TOOL_AXIS, Chain, chain_of
 from symfive.codegen._subject import Subject
 from symfive.compiled.graph import Graph, graph_of
 from symfive.compiled.scalar import CALLS, Body, number, scalar_body
+from symfive.drawing import PAGE_STYLE
 from symfive.machine import Machine
 from symfive.version import __version__
 
@@ -38,6 +39,11 @@ def filled(name: str, **values: object) -> str:
     """A template of this room with its placeholders filled in."""
     text = (files("symfive.codegen") / "templates" / name).read_text(encoding="utf-8")
     return Template(text).substitute(values)
+
+
+def page(name: str, title: str, **values: object) -> str:
+    """A page: its template after the head that all of them share; `title` escaped."""
+    return filled(name, head=filled("head.html", title=title, style=PAGE_STYLE), **values)
 
 
 def solved_axes(machine: Machine) -> tuple[str, ...]:

@@ -12,11 +12,10 @@ from functools import cached_property
 import numpy as np
 
 from symfive.arrays import Array
-from symfive.codegen._sources import Sources, filled
+from symfive.codegen._sources import Sources, filled, page
 from symfive.codegen._subject import Subject
 from symfive.compiled.scalar import number
 from symfive.compiled.vector import HELPERS, LANES, Rows, indented, plain_lines
-from symfive.drawing import PAGE_STYLE
 
 GOLDEN, COUNT = 0.6180339887498949, 8
 
@@ -197,11 +196,11 @@ def c_files(subject: Subject, prefix: str) -> dict[str, str]:
         f"{prefix}_selftest.c": selftest(sources),
         "CMakeLists.txt": filled("CMakeLists.txt", **sources.names),
         f"{prefix}.py": loader(sources, batch),
-        f"{prefix}.html": page(sources),
+        f"{prefix}.html": interface(sources),
     }
 
 
-def page(sources: Sources) -> str:
+def interface(sources: Sources) -> str:
     """The page of the generated interface."""
     has = {"parameter_jacobian": sources.parameters, "direction_jacobian": sources.parameters}
     has |= dict.fromkeys(("inverse_nominal", "inverse", "compensate"), len(sources.solved))
@@ -224,8 +223,8 @@ def page(sources: Sources) -> str:
     ]
     left_out = "".join(f"<li>{html.escape(key)}: {html.escape(why)}</li>" for key, why in subject.left_out)
     escaped = {key: html.escape(str(value)) for key, value in sources.names.items()}
-    return filled(
-        "page.html", style=PAGE_STYLE, function_rows="\n".join(functions), axis_rows="\n".join(axes),
+    return page(
+        "page.html", f"{sources.prefix}: {escaped['machine']}", function_rows="\n".join(functions), axis_rows="\n".join(axes),
         parameter_rows="\n".join(parameters) or _row("", "none", "", ""),
         left_out=f"<h2>Left out</h2><ul>{left_out}</ul>" if left_out else "", **escaped,
     )  # fmt: skip

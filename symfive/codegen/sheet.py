@@ -15,9 +15,8 @@ import numpy as np
 
 from symfive.arrays import Array
 from symfive.codegen._entry import Change
-from symfive.codegen._sources import filled
+from symfive.codegen._sources import page
 from symfive.codegen._subject import AxisLine, Subject, axis_lines, lines_by_parameters, table_axes
-from symfive.drawing import PAGE_STYLE
 from symfive.effects import form_words
 from symfive.parameters import DETERMINED
 
@@ -70,13 +69,14 @@ def sheet_files(subject: Subject, prefix: str, control: str) -> dict[str, str]:
         *entry.notes,
         *_open_parameters(subject, slope),
     ]
-    page = filled(
-        "sheet.html", title=entry.title, style=PAGE_STYLE, rows=_cells(rows, spread),
-        notes="".join(f"<li>{html.escape(n)}</li>" for n in notes), machine=html.escape(subject.machine.name),
+    machine = html.escape(subject.machine.name)
+    text = page(
+        "sheet.html", f"{entry.title}: {machine}", control=entry.title, rows=_cells(rows, spread),
+        notes="".join(f"<li>{html.escape(n)}</li>" for n in notes), machine=machine,
         structure=html.escape(subject.machine.structure.code), digest=subject.digest,
         values=IDENTIFIED if subject.fitted else NOT_MEASURED,
     )  # fmt: skip
-    return {f"{prefix}-{control}.html": page}
+    return {f"{prefix}-{control}.html": text}
 
 
 IDENTIFIED = (
