@@ -125,6 +125,36 @@ def test_columns_are_parted_by_whatever_parts_them(line: str, tmp_path: Path):
     assert read_polar(path, unit="mm")[1] == pytest.approx(1e3 * read_deviation)
 
 
+@pytest.mark.parametrize(
+    ("head", "unit", "turn", "micrometres"),
+    [
+        ("angle deviation", None, 1.0, 1.0),
+        ("angle_deg deviation_mm", None, 1.0, 1e3),
+        ("Angle [°];Deviation [mil]", None, 1.0, 25.4),
+        ("angle (rad);deviation (in)", None, 180.0 / np.pi, 25400.0),
+        ("angle (rad);deviation (in)", "um", 180.0 / np.pi, 1.0),
+        ("angle;deviation [counts]", "mm", 1.0, 1e3),
+    ],
+)
+def test_the_head_of_an_export_names_its_units(
+    tmp_path: Path, head: str, unit: str | None, turn: float, micrometres: float
+):
+    path = tmp_path / "bar.txt"
+    sign = ";" if ";" in head else " "
+    path.write_text("\n".join([head, *(f"{0.1 * k:.1f}{sign}{k % 7 - 2.5}" for k in range(60))]), encoding="utf-8")
+    angle, deviation = read_polar(path, unit=unit)
+    assert angle[10] == pytest.approx(turn) and deviation[0] == pytest.approx(-2.5 * micrometres)
+
+
+@pytest.mark.parametrize("head", ["angle;deviation [counts]", "angle [mm];deviation"])
+def test_a_unit_of_no_such_quantity_is_refused(tmp_path: Path, head: str):
+    path = tmp_path / "bar.txt"
+    path.write_text("\n".join([head, *(f"{k};0.5" for k in range(60))]), encoding="utf-8")
+    with pytest.raises(InputError, match="has the unit") as caught:
+        read_polar(path)
+    assert caught.value.path == path
+
+
 def test_bad_files_end_in_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     good = "\n".join(f"{a} 0.5" for a in range(0, 360, 3))
     cases = {

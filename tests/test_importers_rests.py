@@ -198,6 +198,10 @@ def test_mm_taken_for_micrometres_are_refused() -> None:
         ("t;dx_mm;dy_mm;dz mm", None, 1e3),
         ("t;x [mm];y [mm];z [mm]", "um", 1.0),
         ("t;x [µm];y [µm];z [µm]", None, 1.0),
+        ("t;x [mil];y [mils];z [thou]", None, 25.4),
+        ("t;dx_in;dy (inch);dz/in", None, 25400.0),
+        ("t [s];x [µin];y [uin];z_uin", None, 0.0254),
+        ("t;x [nm];y [nm];z [nm]", None, 1e-3),
         ("t;grammm;y;z", None, 1.0),
         ("recorded in mm", None, 1.0),
     ],
@@ -207,3 +211,18 @@ def test_the_head_names_the_unit(tmp_path: Path, head: str, unit: str | None, fa
     path.write_text("\n".join([head, *(f"{k};1,5;2,5;{k}" for k in range(30))]), encoding="utf-8")
     _, readings = read_recording(path, ["t", "dx_um", "dy_um", "dz_um"], unit=unit)
     assert readings["dx_um"] == pytest.approx(1.5 * factor)
+
+
+def test_the_head_names_the_unit_of_the_time_and_none_of_another_quantity(tmp_path: Path) -> None:
+    path = tmp_path / "r.txt"
+    rows = [f"{50 * k};1.5;2.5;{k}" for k in range(30)]
+    path.write_text("\n".join(["t_ms;x [µm];y [µm];z [µm]", *rows]), encoding="utf-8")
+    time, _ = read_recording(path, ["t", *COLUMNS])
+    assert time[1] == pytest.approx(0.05)
+    for head in ("t;x [counts];y;z", "t;x [deg];y;z", "t [mm];x;y;z"):
+        path.write_text("\n".join([head, *rows]), encoding="utf-8")
+        with pytest.raises(InputError, match="has the unit") as caught:
+            read_recording(path, ["t", *COLUMNS])
+        assert caught.value.path == path
+    path.write_text("\n".join(["t;x [counts];y;z", *rows]), encoding="utf-8")
+    assert read_recording(path, ["t", *COLUMNS], unit="mil")[1]["dx_um"][0] == pytest.approx(1.5 * 25.4)

@@ -49,7 +49,7 @@ def codegen(model: str, output: Path, target: str, prefix: str, overwrite: bool,
 @cli.direction
 @click.option("--centre", help="The table ball in the workpiece frame, mm; 0,0,0 without it.")
 @click.option("--plane", help="XY, YZ or ZX; XY without it.")
-@click.option("--unit", default="um", help="Unit of the deviation: um or mm.")
+@click.option("--unit", help="Unit of the deviation: um, mm, in, … (default: from the header of the file, else um).")
 @cli.positive("--noise-um", help="1σ of one reading, from the instrument's data sheet; 0.3 without it.")
 @cli.fitted
 @click.option(
@@ -62,7 +62,7 @@ def codegen(model: str, output: Path, target: str, prefix: str, overwrite: bool,
 @cli.quiet
 def import_polar(
     machine: str, files: tuple[Path, ...], output: Path, radius: float | None, feed: float | None, columns: str,
-    direction: tuple[str, ...], centre: str | None, plane: str | None, unit: str, noise_um: float | None,
+    direction: tuple[str, ...], centre: str | None, plane: str | None, unit: str | None, noise_um: float | None,
     fitted: bool, angle_error: float, overwrite: bool, quiet: bool,
 ) -> None:  # fmt: skip
     """Import deviation over angle of a ball bar. A campaign; positions are reconstructed.
@@ -156,7 +156,7 @@ of_runs = click.option(
 @cli.output_path
 @of_runs
 @click.option("--columns", default="t,dx_um,dy_um,dz_um", help="The file's columns in order, - for what is not needed.")
-@click.option("--unit", help="Unit of the readings: um or mm (default: from the header of the file, else um).")
+@click.option("--unit", help="Unit of the readings: um, mm, in, … (default: from the header of the file, else um).")
 @cli.positive("--dwell", default=2.0, help="Rest at each pose in s, as in the program.")
 @cli.overwrite
 @cli.quiet

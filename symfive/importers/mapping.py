@@ -12,13 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from symfive.arrays import Array
-from symfive.errors import InputError
+from symfive.errors import InputError, among
 from symfive.files import shown
 from symfive.importers.table import Table, check_time
 from symfive.machine import Machine
 
 SCALES = {
-    "length": {"mm": 1.0, "um": 1e-3, "nm": 1e-6, "m": 1e3, "in": 25.4},
+    "length": {"mm": 1.0, "um": 1e-3, "nm": 1e-6, "m": 1e3, "in": 25.4, "mil": 0.0254, "uin": 25.4e-6},
     "angle": {"deg": 1.0, "rad": 180.0 / np.pi, "gon": 0.9, "urad": 1.8e-4 / np.pi, "arcsec": 1.0 / 3600.0},
     "time": {"s": 1.0, "ms": 1e-3, "min": 60.0},
     "force": {"N": 1.0, "kN": 1e3},
@@ -54,6 +54,22 @@ class Meaning:
     column: int
     unit: str
     guessed: bool
+
+
+def in_unit(table: Table, column: int, unit: str, given: str | None = None) -> Array:
+    """A column's numbers (N,) in `unit`: in the file they are in the unit `given`, else that of its head, else in `unit`.
+
+    Raises `InputError` where that is no unit of the same quantity.
+    """
+    units = next(units for units in SCALES.values() if unit in units)
+    if given is not None:
+        among(given, units, f'unit "{given}" is unknown')
+    own = given or table.units[column] or unit
+    if own not in units:
+        called = " ".join([str(column + 1), table.names[column]]).strip()
+        problem = f"column {shown(called)} has the unit {shown(own)} in the head"
+        raise InputError(problem, path=table.path, remedy=f"write that of its numbers there: {', '.join(units)}")
+    return table.values(column) * (1.0 if own == unit else units[own] / units[unit])
 
 
 def _quantity(name: str, machine: Machine, axis: str) -> str:

@@ -19,13 +19,13 @@ import numpy as np
 from symfive.arrays import Array
 from symfive.campaign import Run, SetupSigma
 from symfive.errors import InputError, among
+from symfive.importers.mapping import in_unit
 from symfive.importers.split import rows_of
 from symfive.importers.table import read_table
 from symfive.machine import Machine
 from symfive.procedures import PLANES, Nominal, tool_ball_of, within_travel
 from symfive.screen import plural
 
-UNITS = {"um": 1.0, "mm": 1e3}
 EVEN = 0.05
 """Steps of the angle may differ from their median by this share (and be whole multiples of it where rows are lost)."""
 LEAST_ROWS = 20
@@ -55,16 +55,16 @@ ZERO = 0.1
 
 
 def read_polar(
-    path: Path | str, *, unit: str = "um", columns: Sequence[str] = COLUMNS, direction: str | None = None
+    path: Path | str, *, unit: str | None = None, columns: Sequence[str] = COLUMNS, direction: str | None = None
 ) -> tuple[Array, Array]:
     """Angle (N,) in degree and deviation (N,) in µm from columns of a text file (`read_table`).
 
     `columns` names those of the file in order: `angle`, `deviation`, and anything else for a column that is not needed. `unit`
-    of the deviation in the file: `um` or `mm`. `direction` `ccw` or `cw` if the file sorts the angles whatever the direction of
-    the circle; a file in the opposite order is read from its end. Raises `InputError` naming file and line.
+    of the deviation in the file (`mm`, `um`, `in`, …), by default the one that its head has, else `um`; the angle is in that of
+    the head, else in degree. `direction` `ccw` or `cw` if the file sorts the angles whatever the direction of the circle; a file
+    in the opposite order is read from its end. Raises `InputError` naming file and line.
     """
     path = Path(path)
-    among(unit, UNITS, f'unit "{unit}" is unknown')
     if direction is not None:
         among(direction, DIRECTIONS, f'direction "{direction}" is unknown')
     if any(list(columns).count(name) != 1 for name in COLUMNS):
@@ -78,9 +78,9 @@ def read_polar(
             remedy += "; if these are decimal commas, separate the columns by semicolons"
         raise InputError(problem, path=path, line=table.lines[0], remedy=remedy)
     enough(len(table.lines), path)
-    angle, deviation = (table.values(list(columns).index(name)) for name in COLUMNS)
-    angle, deviation = as_moved(angle, deviation, direction)
-    return angle, UNITS[unit] * deviation
+    angle = in_unit(table, list(columns).index("angle"), "deg")
+    deviation = in_unit(table, list(columns).index("deviation"), "um", unit)
+    return as_moved(angle, deviation, direction)
 
 
 def enough(count: int, path: Path | None = None) -> None:

@@ -17,15 +17,15 @@ import numpy as np
 
 from symfive.arrays import Array, Indices
 from symfive.campaign import FIRST_LINE, Run
-from symfive.errors import InputError, among
+from symfive.errors import InputError
 from symfive.files import shown
+from symfive.importers.mapping import in_unit
 from symfive.importers.split import piece_of
 from symfive.importers.table import Table, check_time, read_table
 from symfive.instruments import columns_of, instruments_of
 from symfive.machine import Machine
 from symfive.motion import approach
 
-UNITS = {"um": 1.0, "mm": 1e3}
 LEAST_ROWS = 20
 WINDOW = 0.25
 """Length of the window of which the spread is taken, as a share of the dwell."""
@@ -97,12 +97,10 @@ def read_recording(
     """Time (N,) s and readings (N,) in µm by name from a text file (`read_table`).
 
     `columns` names those of the file in order: `t` the time in s, the plan's reading columns, `-` for a column not needed;
-    `unit` of the readings, `um` or `mm`, by default the one that the file's head has, else `um`. Raises `InputError` naming file
-    and line.
+    `unit` of the readings (`mm`, `um`, `in`, …), by default the one that the file's head has, else `um`. Raises `InputError`
+    naming file and line, also for a unit in the head that is none of a length or, of the time, none of a time.
     """
     path = Path(path)
-    if unit is not None:
-        among(unit, UNITS, f'unit "{unit}" is unknown')
     wanted = [name for name in columns if name != "-"]
     if len(set(wanted)) < len(wanted) or "t" not in wanted or len(wanted) < 2:
         problem = f"the columns {','.join(columns)} do not name t and readings once each"
@@ -116,9 +114,9 @@ def read_recording(
         raise InputError(problem, path=path, line=table.lines[0], remedy=remedy)
     _refuse_swapped(table, columns)
     places = {name: i for i, name in enumerate(columns) if name != "-"}
-    time = table.values(places.pop("t"))
+    time = in_unit(table, places.pop("t"), "s")
     check_time(time, path, table.lines, "record one run at a time")
-    return time, {name: UNITS.get(unit or table.units[i], 1.0) * table.values(i) for name, i in places.items()}
+    return time, {name: in_unit(table, i, "um", unit) for name, i in places.items()}
 
 
 def _refuse_swapped(table: Table, columns: Sequence[str]) -> None:

@@ -23,15 +23,15 @@ from symfive.separated import SIGNS, Marks, are_numbers, cells_of, signs_of
 
 MAX_BYTES = 200_000_000
 _UNIT = re.compile(
-    r"^(.*?)\s*(?:[\[(]\s*([^\])]*?)\s*[\])]|/\s*(\S+)|[_ ](um|nm|mm|m|in|deg|rad|s|ms|N|Nm|urad|arcsec))?$"
+    r"^(.*?)\s*(?:[\[(]\s*([^\])]*?)\s*[\])]|/\s*(\S+)|[_ ](um|nm|mm|m|in|mil|uin|deg|rad|s|ms|N|Nm|urad|arcsec))?$"
 )
 _INSTANT = re.compile(r"(\d{4}-\d\d-\d\d[T ])?\d\d:\d\d:\d\d([.,]\d{1,6})?(Z|[+-]\d\d:\d\d)?")
 _BEGIN = datetime(2000, 1, 1)
 _BLANKS = re.compile(r",?\s+(?![\[(])")
 _SPELT = {
     "µm": "um", "μm": "um", "âµm": "um", "micron": "um", "microns": "um", "°": "deg", "degree": "deg",
-    "degrees": "deg", "inch": "in", '"': "in", "sec": "s", "µrad": "urad", "μrad": "urad", "gon": "gon",
-    "arcseconds": "arcsec", "″": "arcsec", "''": "arcsec",
+    "degrees": "deg", "inch": "in", "inches": "in", '"': "in", "mils": "mil", "thou": "mil", "µin": "uin", "μin": "uin",
+    "sec": "s", "µrad": "urad", "μrad": "urad", "gon": "gon", "arcseconds": "arcsec", "″": "arcsec", "''": "arcsec",
 }  # fmt: skip
 """Units as they are found in heads."""
 
@@ -197,7 +197,9 @@ def _head(lines: list[str], sign: str, count: int) -> tuple[tuple[str, ...], tup
     return names, tuple(_spelt(next((u for u in match.groups()[1:] if u), "")) if match else "" for match in split)
 
 
-_KNOWN = {"um", "nm", "mm", "m", "in", "deg", "rad", "gon", "s", "ms", "min", "N", "Nm", "urad", "arcsec", "kN"}
+_KNOWN = {
+    "um", "nm", "mm", "m", "in", "mil", "uin", "deg", "rad", "gon", "s", "ms", "min", "N", "Nm", "urad", "arcsec", "kN",
+}  # fmt: skip
 
 
 def _spelt(unit: str) -> str:
