@@ -243,6 +243,35 @@ def test_the_file_of_another_plane_is_refused(tmp_path: Path, capsys: pytest.Cap
     assert [run.id for run in read_campaign(tmp_path / "out").runs] == [yz.id, zx.id]
 
 
+def test_a_run_without_a_file_and_one_that_was_stopped_are_noted(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    plan = simulate(_circles(), seed=4).campaign
+    write_campaign(plan, tmp_path / "plan")
+    rows = {run.id: [f"{a},{d}\n" for a, d in zip(*_polar(run), strict=True)] for run in plan.runs}
+    first, second = rows
+    path = tmp_path / f"{first}.csv"
+    for share, said in ((1.0, False), (0.5, True)):
+        path.write_text("".join(rows[first][: int(share * len(rows[first]))]))
+        assert main(["import-polar", str(tmp_path / "plan"), str(path), "-o", str(tmp_path / f"m{share}")]) == 0
+        notes = [line for line in capsys.readouterr().err.splitlines() if line.startswith("note:")]
+        assert sum(f"no file for {second}" in note for note in notes) == 1
+        assert any(note.startswith(f"note: {first}: the angles cover") for note in notes) == said, notes
+
+
+@pytest.mark.parametrize(("option", "value", "right"), [("--radius", "150", "100.02"), ("--plane", "ZX", "XY")])
+def test_another_circle_than_the_planned_one_is_refused(
+    option: str, value: str, right: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    plan = simulate(_circles(), seed=4).campaign
+    write_campaign(plan, tmp_path / "plan")
+    path = tmp_path / f"{plan.runs[0].id}.csv"
+    path.write_text("".join(f"{a},{d}\n" for a, d in zip(*_polar(plan.runs[0]), strict=True)))
+    call = ["import-polar", str(tmp_path / "plan"), str(path), "-o", str(tmp_path / "m"), option]
+    assert main([*call, value]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1 and f"run {plan.runs[0].id} of the plan" in said and not (tmp_path / "m").exists()
+    assert main([*call, right]) == 0
+
+
 def test_what_stays_mounted_in_the_plan_stays_mounted(tmp_path: Path):
     runs = tuple(replace(run, mounting={"tool_ball": "1", "length": "1"}) for run in _circles().runs)
     plan = simulate(replace(_circles(), runs=runs), seed=4).campaign

@@ -72,7 +72,7 @@ def import_polar(
     """
 
     from symfive.campaign import write_campaign_files
-    from symfive.importers import FITTED, along_run, check_arc, polar_doubts, polar_run, read_polar
+    from symfive.importers import FITTED, along_run, check_arc, cut_short, polar_doubts, polar_run, read_polar
     from symfive.procedures import campaign_of
 
     with output_folder(output, overwrite=overwrite, recorded=True) as folder:
@@ -81,7 +81,7 @@ def import_polar(
             "centre": None if centre is None else cli.point_of("--centre", centre), "setup_sigma_um": FITTED if fitted else None,
         }  # fmt: skip
         given = {name: value for name, value in given.items() if value is not None}
-        data, circles = _circles(machine, files)
+        data, circles, notes = _circles(machine, files, radius, plane)
         names = [name.strip() for name in columns.split(",")]
         planned = [circle.pop("direction", None) for circle in circles]
         arcs = [circle.pop("arc", None) for circle in circles]
@@ -97,6 +97,7 @@ def import_polar(
                     angle, deviation = along_run(angle, deviation, sense, circle["id"])
                 if arc is not None:
                     check_arc(angle, arc, circle["id"])
+                    notes += cut_short(angle, arc, circle["id"])
             angles.append(angle)
             circle = {"centre": (0.0, 0.0, 0.0), "noise_um": 0.3, **circle, **given}
             if "radius" not in circle or "feed" not in circle:
@@ -105,21 +106,24 @@ def import_polar(
                 runs.append(polar_run(data, angle, deviation, angle_error=angle_error, **circle))
         campaign = campaign_of(data, runs, output.name)
         write_campaign_files(campaign, folder)
-    cli.noted(polar_doubts(data, runs, angles, radius=circle["radius"], feed=circle["feed"]), quiet)
+    cli.noted([*notes, *polar_doubts(data, runs, angles, radius=circle["radius"], feed=circle["feed"])], quiet)
     near = sum(map(len, angles)) - campaign.rows
     left_out = f"; {near} readings within {angle_error:g}° of a reversal excluded (--angle-error)" if near else ""
     cli.written(campaign, output, quiet, left_out)
 
 
-def _circles(machine: str, files: Sequence[Path]) -> tuple[Machine, list[dict[str, Any]]]:
-    """The machine, and what is known of each file's circle: of a plan what it planned, else the name alone."""
+def _circles(
+    machine: str, files: Sequence[Path], radius: float | None, plane: str | None
+) -> tuple[Machine, list[dict[str, Any]], list[str]]:
+    """The machine, what is known of each file's circle (of a plan what it planned, else the name alone), and the runs of the plan
+    that have no file, in words."""
     from symfive.campaign import read_campaign
     from symfive.given import machine_given
-    from symfive.importers import as_planned
+    from symfive.importers import as_planned, check_other
 
     if not (Path(machine) / "campaign.toml").is_file():
         cli.refuse_namesakes(files)
-        return machine_given(machine), [{"id": path.stem} for path in files]
+        return machine_given(machine), [{"id": path.stem} for path in files], []
     plan = read_campaign(machine)
     ids = [run.id for run in plan.runs]
     if {path.stem for path in files} <= set(ids):
@@ -130,7 +134,15 @@ def _circles(machine: str, files: Sequence[Path]) -> tuple[Machine, list[dict[st
         problem = f"{len(files)} files, and the plan has the runs {', '.join(ids)}"
         remedy = "name each file as its run, or give one for every run in their order"
         raise InputError(problem, path=Path(machine), remedy=remedy)
-    return plan.machine, [as_planned(plan.machine, run) for run in chosen]
+    for run in chosen:
+        check_other(plan.machine, run, radius, plane)
+    return plan.machine, [as_planned(plan.machine, run) for run in chosen], _without(plan, [run.id for run in chosen])
+
+
+def _without(plan: Campaign, ids: Sequence[str]) -> list[str]:
+    """The runs of a plan that are not among these, in words."""
+    missing = [run.id for run in plan.runs if run.id not in ids]
+    return [f"no file for {', '.join(missing)} of the plan: not in the campaign"] if missing else []
 
 
 def _not_in_the_file(path: Path, circle: Mapping[str, Any]) -> InputError:
@@ -201,13 +213,13 @@ def _import_runs(
 
     with output_folder(output, overwrite=overwrite, recorded=True) as folder:
         plan = cli.read(campaign, quiet)
-        found = []
-        for path, run in _of_the_plan(plan, campaign, files, names):
+        found, chosen = [], _of_the_plan(plan, campaign, files, names)
+        for path, run in chosen:
             with inside(path=path):
                 found.append(measured(plan.machine, run, path))
         whole = replace(plan, runs=tuple(run for each in found for run in each.runs))
         write_campaign_files(whole, folder)
-    cli.noted(found, quiet)
+    cli.noted([*found, *_without(plan, [run.id for _, run in chosen])], quiet)
     cli.written(whole, output, quiet)
 
 

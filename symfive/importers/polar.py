@@ -22,6 +22,7 @@ from symfive.errors import InputError, among
 from symfive.importers.mapping import in_unit
 from symfive.importers.split import rows_of
 from symfive.importers.table import read_table
+from symfive.instruments import ball_instrument
 from symfive.machine import Machine
 from symfive.procedures import PLANES, Nominal, tool_ball_of, within_travel
 from symfive.screen import plural
@@ -116,14 +117,42 @@ def check_arc(angle: Array, arc: tuple[float, float], run: str) -> None:
         raise InputError(problem, remedy="give the files in the order of the plan's runs, or name each as its run")
 
 
+def cut_short(angle: Array, arc: tuple[float, float], run: str) -> tuple[str, ...]:
+    """A note where angles (N,) degree cover less than the `arc` of a planned run without run-up and run-out, or than a revolution
+    where it has more: a run that was stopped."""
+    phi = np.unwrap(np.radians(angle))
+    covered = float(np.degrees(np.ptp(phi) + np.abs(np.median(np.diff(phi)))))
+    wanted = min(arc[1] - arc[0], 360.0)
+    if covered >= wanted - STRAY_DEG or covered < SHORT_DEG:  # of the latter `polar_doubts` says more
+        return ()
+    return (f"{run}: the angles cover {covered:.3g}° of {wanted:.3g}°; if the run was stopped, repeat it whole",)
+
+
+def check_other(machine: Machine, run: Run, radius: float | None, plane: str | None) -> None:
+    """Raise `InputError` where a `radius` (mm) or `plane` given by hand is that of another circle than the planned run's: the bar
+    would have been beyond its stroke."""
+    instrument = ball_instrument(run)
+    stroke = 0.0 if instrument is None else instrument.stroke(machine)
+    if radius is not None and run.length is not None and abs(radius - run.length) > stroke:
+        problem = f"radius {radius:g} mm, and run {run.id} of the plan is a circle of {run.length:g} mm"
+    elif plane is not None and plane in PLANES and set(plane) != _moving(run):
+        problem = f"plane {plane}, and run {run.id} of the plan moves {' and '.join(sorted(_moving(run)))}"
+    else:
+        return
+    raise InputError(problem, remedy="leave --radius and --plane out, or plan the circle that you measured")
+
+
+def _moving(run: Run) -> set[str]:
+    return {name for name, q in run.commands.items() if np.ptp(q) > MOVES_MM}
+
+
 def as_planned(machine: Machine, run: Run) -> dict[str, Any]:
     """What `read_polar`, `check_arc` and `polar_run` take of a planned circle: direction, arc, centre, radius, feed, plane,
     rotary axes, tool ball, noise, set-up and mounting.
 
     Raises `InputError` where the run is no circle of the linear axes about its ball.
     """
-    moving = {name for name, q in run.commands.items() if np.ptp(q) > MOVES_MM}
-    plane = next((plane for plane in PLANES if set(plane) == moving), None)
+    plane = next((plane for plane in PLANES if set(plane) == _moving(run)), None)
     nominal = Nominal(machine)
     way = nominal.ball(run.commands, run.tool_ball) - np.asarray(run.table_ball)
     if plane is None or run.length is None or not run.dynamic or np.ptp(np.linalg.norm(way, axis=1)) > ROUND_MM:
