@@ -34,9 +34,10 @@ def doubts(campaign: Campaign) -> tuple[str, ...]:
     A prior 1σ smaller than the noise (mm or rad instead of µm or µrad?); an axis commanded faster than it can go; a ball or
     nest beside the table; a ball bar or an R-test that would be beyond its stroke on the machine as the file has it; readings
     beyond that stroke, or that hardly change (a wrong unit); a recording on the move whose rows are seconds apart; a sphere that
-    was found elsewhere.
+    was found elsewhere; one recording given to two runs.
     """
-    return (*_small_priors(campaign), *(said for run in _begun(campaign) for said in _of_run(campaign.machine, run)))
+    of_runs = (said for run in _begun(campaign) for said in _of_run(campaign.machine, run))
+    return (*_small_priors(campaign), *of_runs, *_one_recording(campaign))
 
 
 def unreadable(campaign: Campaign) -> tuple[str, str] | None:
@@ -175,6 +176,22 @@ def _small_priors(campaign: Campaign) -> Iterator[str]:
         if 0.0 < term.sigma < TINY * noise:
             unit = "µrad, not rad" if term.angular else "µm, not mm"
             yield f"{term.name}: the prior 1σ {plain_number(term.sigma)} is far below the noise; it is in {unit}"
+
+
+def _one_recording(campaign: Campaign) -> Iterator[str]:
+    """Runs with the readings of an earlier one, in its order or from its end (a circle the other way round)."""
+    first = dict[bytes, str]()
+    for run in _begun(campaign):
+        table = (
+            np.stack([run.readings[name] for name in sorted(run.readings)], axis=1)
+            if run.measured
+            else np.zeros((0, 1))
+        )
+        if not len(table) or not np.ptp(table, axis=0).any():  # a probe cycle that corrects itself reads zeros
+            continue
+        key = repr(sorted(run.readings)).encode() + min(table.tobytes(), np.ascontiguousarray(table[::-1]).tobytes())
+        if first.setdefault(key, run.id) != run.id:
+            yield f"run {run.id}: all its readings are those of run {first[key]}; give each run its own recording"
 
 
 def _of_run(machine: Machine, run: Run) -> Iterator[str]:

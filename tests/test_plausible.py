@@ -48,6 +48,22 @@ def test_the_designed_machine_is_that_of_the_chain(name):
     assert designed_ball(machine, commands, ball) == pytest.approx(Nominal(machine).ball(commands, ball), abs=1e-9)
 
 
+def test_one_recording_in_two_runs(nests):
+    first, second = nests.runs[0], replace(nests.runs[0], id="again", file="again.csv")
+    for readings in (first.readings, {name: values[::-1] for name, values in first.readings.items()}):
+        runs = (first, second.with_readings(readings))
+        (said,) = [each for each in doubts(replace(nests, runs=runs)) if "again" in each]
+        assert f"those of run {first.id}" in said
+    for other in (
+        {name: values + np.eye(1, len(values))[0] for name, values in first.readings.items()},
+        {name: values[::-1] if name == "dx_um" else values for name, values in first.readings.items()},
+    ):
+        assert not any("again" in each for each in doubts(replace(nests, runs=(first, second.with_readings(other)))))
+    zeros = {name: np.zeros(first.rows) for name in first.readings}
+    both = (first.with_readings(zeros), second.with_readings(zeros))
+    assert not any("those of run" in each for each in doubts(replace(nests, runs=both)))
+
+
 def test_balls_that_do_not_fit_the_commands(bar, nests):
     x, y, z = bar.runs[0].tool_ball
     (said,) = slipped(bar, tool_ball=(x, y, z - 30.0))
