@@ -24,6 +24,7 @@ FAR_SIGMAS = 3.0
 SOUGHT_MM = 10.0
 """No program looks for a sphere so far from where it is expected."""
 ROUNDING = 1e-6
+TRUE_STROKE = "or give the true stroke under [workspace] in the machine file"
 MOST_ROWS = 100_000
 """Of a longer run only the first rows are looked at."""
 
@@ -42,8 +43,8 @@ def doubts(campaign: Campaign) -> tuple[str, ...]:
 
 def unreadable(campaign: Campaign) -> tuple[str, str] | None:
     """What no instrument can have read, and the remedy: a row at which, by the file's balls and commands, it would be two strokes
-    off, from one end of its range beyond the other wherever its zero lies; a sphere where no program looks for it; on a grid
-    plate another path."""
+    off, from one end of its range beyond the other wherever its zero lies, or a reading so large; a sphere where no program looks
+    for it; on a grid plate another path."""
     machine = campaign.machine
     for run in _begun(campaign):
         instrument = ball_instrument(run)
@@ -51,7 +52,9 @@ def unreadable(campaign: Campaign) -> tuple[str, str] | None:
             away, stroke = _away(machine, run, instrument), instrument.stroke(machine)
             if 1e-3 * float(np.max(np.abs(away))) > 2.0 * stroke:
                 problem, remedy = _beyond(run, instrument, away, stroke)
-                return problem, f"{remedy}, or give the true stroke under [workspace] in the machine file"
+                return problem, f"{remedy}, {TRUE_STROKE}"
+            if large := _too_large(machine, run, instrument):
+                return large, f"give them in µm, {TRUE_STROKE}"
             if instrument.probes and (far := _read(machine, run, instrument)[1]) > SOUGHT_MM:
                 return _astray(run, far)
         if said := _another_path(machine, run):
@@ -138,6 +141,15 @@ def _read(machine: Machine, run: Run, instrument: BallInstrument) -> tuple[Array
     """The readings (N, columns), µm, and the largest of them, mm."""
     read = np.stack([run.readings[column.name] for column in instrument.columns(run, machine)], axis=1)
     return read, 1e-3 * float(np.max(np.abs(read)))
+
+
+def _too_large(machine: Machine, run: Run, instrument: BallInstrument) -> str:
+    """Readings beyond two strokes, in words; nothing of a probe, which has none."""
+    (_, largest), stroke = _read(machine, run, instrument), instrument.stroke(machine)
+    if instrument.probes or largest <= 2.0 * stroke:
+        return ""
+    sizes = f"{plain_number(largest)} mm are beyond the stroke of ±{plain_number(stroke)} mm"
+    return f"run {run.id}: readings of up to {sizes}"
 
 
 def _astray(run: Run, far: float) -> tuple[str, str]:
@@ -259,8 +271,7 @@ def _of_stroke(machine: Machine, run: Run, instrument: BallInstrument) -> Iterat
         if instrument.probes:
             yield "; ".join(_astray(run, largest))
         else:
-            sizes = f"{plain_number(largest)} mm are beyond the stroke of ±{plain_number(stroke)} mm"
-            yield f"run {run.id}: readings of up to {sizes}; they are in µm"
+            yield f"{_too_large(machine, run, instrument)}; they are in µm"
     scatter, noise = float(np.std(readings - predicted)), run.noise(instrument.name)
     if len(readings) > 2 and scatter < TINY * noise:
         sizes = f"by {plain_number(scatter)} µm only, and noise_um is {plain_number(noise)}"

@@ -8,6 +8,7 @@ import pytest
 
 from symfive.campaign import Campaign, Run, read_campaign, write_campaign
 from symfive.check import check
+from symfive.cli import main
 from symfive.diagnose import diagnose
 from symfive.errors import InputError
 from symfive.machine import designed_ball, preset, presets, write_machine
@@ -109,8 +110,23 @@ def test_readings_in_mm_or_nm(bar):
     readings = bar.runs[0].readings
     (said,) = slipped(bar, readings={k: v / 1e3 for k, v in readings.items()})
     assert "they are read as µm: were they written in mm?" in said
-    (said,) = slipped(bar, readings={k: v * 1e3 for k, v in readings.items()})
+    large = {k: v * 1e3 for k, v in readings.items()}
+    (said,) = slipped(bar, readings=large)
     assert "beyond the stroke" in said
+    problem, remedy = unreadable(replace(bar, runs=(bar.runs[0].with_readings(large), *bar.runs[1:])))
+    assert said.startswith(problem) and "[workspace]" in remedy
+
+
+@pytest.mark.parametrize("verb", [["identify", "--no-figures", "-o", "out"], ["standards"]])
+def test_no_verb_evaluates_what_no_instrument_can_have_read(verb, bar, tmp_path, capsys, monkeypatch):
+    """A bar of another length: an evaluation would state a misfit of 50 mm, and the errors at their priors."""
+    monkeypatch.chdir(tmp_path)
+    wrong = tuple(replace(run, length=run.length + 50.0) for run in bar.runs)
+    write_campaign(replace(bar, runs=wrong), "measured")
+    assert main([verb[0], "measured", *verb[1:]]) == 2
+    said = capsys.readouterr()
+    assert said.err.count("\n") == 1 and "the bar would be 50" in said.err and not said.out
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_feed_beyond_the_axis():

@@ -181,14 +181,18 @@ def dialects_of(names: Sequence[str]) -> tuple[str, ...]:
 
 
 def read(path: Path, quiet: bool, *, measured: bool = False) -> Campaign:
-    """A campaign, its notes printed; `measured`: raises `InputError` where a run has no readings."""
+    """A campaign, its notes printed; `measured`: raises `InputError` where a run has no readings, or readings that its instrument
+    cannot have taken with these balls and commands."""
     from symfive.given import campaign_given
+    from symfive.plausible import unreadable
 
     campaign = campaign_given(path)
     noted(campaign.notes, quiet)
     if measured and not campaign.measured:
         empty = next(run.id for run in campaign.runs if not run.measured)
         raise InputError(f"run {empty} has no readings", path=path, remedy="measure or simulate the plan first")
+    if measured and (said := unreadable(campaign)):
+        raise InputError(said[0], path=path, remedy=said[1])
     return campaign
 
 
