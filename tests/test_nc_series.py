@@ -32,6 +32,21 @@ def of_poses() -> Plan:
     return plan(location_only("table-bc"), points=4, starts=1, anywhere=False, prove=False)
 
 
+def test_a_sheet_states_positions_as_the_program_does_and_how_the_readings_are_imported(tmp_path: Path) -> None:
+    """A height of 33.26 mm and a tool of 133.5 mm were 33.3 and 134 mm on the sheet, where the ball counts as known to 20 µm."""
+    known = location_only("table-bc")
+    workspace = replace(known.workspace, ball_height=(33.26, 33.26), tool_length=(133.5, 133.5), bar_lengths=(50.0,))
+    machine = replace(known, workspace=workspace, text="")
+    circular_test(machine, planes=("XY",), feeds=(1000.0,), radius=50.0, rate_hz=10.0).write(tmp_path / "bar")
+    sheet = (tmp_path / "bar" / "setup.html").read_text(encoding="utf-8")
+    assert "z = 33.26 mm" in sheet and "at 133.5 mm below the spindle nose" in sheet
+    assert "import-polar PLAN FILES" in sheet and "called xy-ccw" in sheet and "If a run is interrupted" in sheet
+    made = plan(machine, points=4, starts=1, anywhere=False, prove=False)
+    made.write(tmp_path / "nest")
+    sheet = (tmp_path / "nest" / "setup.html").read_text(encoding="utf-8")
+    assert "z = 33.26 mm" in sheet and "33.26) mm; " in sheet and "import-rests PLAN FILES --dwell 2 " in sheet
+
+
 @pytest.mark.slow
 def test_one_program_drives_both_directions_and_feeds_with_the_bar_on(folder: Path) -> None:
     for dialect in DIALECTS:

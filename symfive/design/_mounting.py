@@ -31,6 +31,11 @@ def digits(value: float) -> str:
     return f"{round(float(value), 3) + 0.0:.3f}"
 
 
+def short(value: float) -> str:
+    """mm to 0.001, without zeros behind."""
+    return digits(value).rstrip("0").rstrip(".")
+
+
 def over_the_ball(nominal: Nominal, run: Run) -> dict[str, Array]:
     """Positions of the axes, (1,) each, at which the tool's ball stands where the table's does; none where they cannot."""
     try:
@@ -160,7 +165,7 @@ def pose_table(campaign: Campaign, run: Run, post: Post) -> dict[str, Any]:
 
 def _how_read(campaign: Campaign, run: Run, post: Post) -> str:
     """What stands where, and how a pose is read."""
-    at = ", ".join(f"{v:.1f}" for v in run.table_ball)
+    at = ", ".join(map(short, run.table_ball))
     if is_probed(run):
         return f"sphere at ({at}) mm, {len(touches_of(run))} touches at each, which the control logs"
     columns = [column.name for column in columns_of(run, campaign.machine)]

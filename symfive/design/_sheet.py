@@ -11,7 +11,16 @@ import numpy as np
 
 from symfive.campaign import Campaign, Run
 from symfive.design._assess import Assessment
-from symfive.design._mounting import STILL, digits, from_axes, mounted_before, over_the_ball, path_facts, pose_table
+from symfive.design._mounting import (
+    STILL,
+    digits,
+    from_axes,
+    mounted_before,
+    over_the_ball,
+    path_facts,
+    pose_table,
+    short,
+)
 from symfive.design._schedule import SETUP_S
 from symfive.drawing import PAGE_STYLE, SCRIPT, poses_figure, templates
 from symfive.instruments import columns_of, has_bar, instruments_of, is_probed, mounted, mounted_instrument
@@ -20,6 +29,7 @@ from symfive.nc import (
     UNCHECKED,
     Post,
     addressed,
+    circle_of,
     collision_warning,
     retract_words,
     rotary_ranges,
@@ -36,6 +46,10 @@ from symfive.runs import instrument_words
 from symfive.screen import plural
 
 DRY_RUN = "Dry-run the programs without the instrument first."
+BEFORE = (
+    "Bring the machine to its operating temperature first. If a run is interrupted, discard its readings and repeat it from its "
+    "start; if what stands on the table or in the spindle was touched, repeat every run of that mounting."
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,7 +80,8 @@ def setup_sheet(sheet: Sheet, pictures: Mapping[str, str], programs: Sequence[st
     runs = [_run(sheet, nominal, run) | {"picture": drawn.get(run.id, "")} for run in campaign.runs]
     return templates("symfive.design").get_template("sheet.html").render(
         title=f"Set-up sheet: {campaign.machine.name}", style=Markup(PAGE_STYLE + own), script=Markup(SCRIPT),
-        structure=campaign.machine.structure.code, facts=_facts(sheet), unchecked=_unchecked(sheet), worth=sheet.worth, runs=runs,
+        structure=campaign.machine.structure.code, facts=_facts(sheet), before=BEFORE, unchecked=_unchecked(sheet),
+        worth=sheet.worth, runs=runs,
         picture=Markup(poses_figure(campaign)), clearances=_clearances(sheet), notes=sheet.notes, programs=programs,
         part=sheet.part,
         expected=_expected(sheet.assessment) if sheet.assessment is not None else None,
@@ -124,7 +139,7 @@ def _steps(sheet: Sheet, nominal: Nominal, run: Run, stands: str) -> list[str]:
         steps.append(f"The same mounting as for run {again.id}: {still if stays else anew}.")
     if stands and not stays:
         steps += _place(run, stands)
-        steps.append(f"{held[0].upper()}{held[1:]} at {-run.tool_ball[2]:.0f} mm below the spindle nose.")
+        steps.append(f"{held[0].upper()}{held[1:]} at {short(-run.tool_ball[2])} mm below the spindle nose.")
     same = [
         ids[0] for ids in sheet.campaign.alike("tool_ball") if run.id in ids[1:]
     ]  # an error of its own for each run
@@ -135,8 +150,10 @@ def _steps(sheet: Sheet, nominal: Nominal, run: Run, stands: str) -> list[str]:
             'mounting = { tool_ball = "1" } into both runs in campaign.toml.'
         )
     if run.length is not None and not stays:
+        entered = "in the ball-bar software" if _polar(machine, run) else f"as length of run {run.id} in campaign.toml"
         steps.append(
-            f"Bar of {run.length:g} mm: enter its calibrated length. Readings are relative to it; do not set them to zero."
+            f"Bar of {run.length:g} mm: enter its calibrated length {entered}. Readings are relative to it; do not set them to "
+            "zero."
         )
     if run.spindle is not None:
         steps.append(
@@ -146,20 +163,41 @@ def _steps(sheet: Sheet, nominal: Nominal, run: Run, stands: str) -> list[str]:
         )
     if "r_test" in run.instrument:
         steps.append(_lean(nominal, run, stands))
-    steps += mounted_instrument(run).start(run, machine)
+    steps += [*mounted_instrument(run).start(run, machine), *_imported(machine, run, sheet.post)]
     if not programmed:
         return steps
     for series in series_of(machine, sheet.campaign.runs):
         if run in series:
             steps.append(
-                f"Or run the program {series_name(series)}: the {len(series)} circles of this mounting; the bar stays mounted."
+                f"Or run the program {series_name(series)}: the {len(series)} circles of this mounting, each a recording of its "
+                "own; the bar stays mounted."
             )
     return steps + _moves(machine, run, sheet.post)
 
 
+def _polar(machine: Machine, run: Run) -> bool:
+    """Whether the software of a ball bar knows the run as a circle."""
+    return has_bar(run) and circle_of(machine, run) is not None
+
+
+def _imported(machine: Machine, run: Run, post: Post) -> list[str]:
+    """How the instrument's own file gets into the campaign, where nobody has to write row by row."""
+    if has_bar(run) and circle_of(machine, run) is not None:
+        return [
+            f"Export deviation over angle into a file that is called {run.id}, one for each run, and import them: symfive "
+            "import-polar PLAN FILES -o measured."
+        ]
+    if not run.dynamic and "r_test" in run.instrument and post.at_pose != "stop":
+        return [
+            "Read by hand, or record the whole run into one file, from before pose 1 until after the last, and import the files "
+            f"of all runs in their order: symfive import-rests PLAN FILES --dwell {post.dwell_s:g} -o measured."
+        ]
+    return []
+
+
 def _place(run: Run, stands: str) -> list[str]:
     """Position of the ball or nest on the table, and how well it must be known."""
-    x, y, z = (f"{v:.1f}".removesuffix(".0") for v in run.table_ball)
+    x, y, z = map(short, run.table_ball)
     there = f"Mount the {stands} at x = {x}, y = {y}, z = {z} mm of the workpiece frame"
     sigma, (_, held) = next(i.place_sigma(run) for i in instruments_of(run) if i.stands), mounted(run)
     if sigma is None:

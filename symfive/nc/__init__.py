@@ -10,6 +10,7 @@ from symfive.campaign import Campaign, Run
 from symfive.errors import InputError, among
 from symfive.instruments import is_probed
 from symfive.machine import Machine
+from symfive.nc._arc import circle_of
 from symfive.nc._base import Dialect, Step
 from symfive.nc._pace import CAUTION, able, pace
 from symfive.nc._post import UNCHECKED, Post, collision_warning, table_assumed, turned_against, which_point
@@ -51,8 +52,8 @@ from symfive.outputs import write_text
 
 __all__ = [
     "CAUTION", "DIALECTS", "UNCHECKED", "Dialect", "Positions", "Post", "Probing", "Seat", "Step", "Way", "able", "addressed",
-    "along_arcs", "arrival_times", "at_the_top", "can_write", "check_addresses", "collision_warning", "dialect_of", "lifts",
-    "one_by_one", "out_to_the_top", "outside_s", "over_the_top", "pace", "program", "program_steps", "retract_words",
+    "along_arcs", "arrival_times", "at_the_top", "can_write", "check_addresses", "circle_of", "collision_warning", "dialect_of",
+    "lifts", "one_by_one", "out_to_the_top", "outside_s", "over_the_top", "pace", "program", "program_steps", "retract_words",
     "rotary_ranges", "series_name", "series_of", "stands", "table_assumed", "top_of", "touch_reach", "turned_against",
     "turned_home", "upright_axis", "which_point", "word_order", "write_programs",
 ]  # fmt: skip

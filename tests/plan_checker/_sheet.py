@@ -16,8 +16,8 @@ AGAIN = re.compile(r"The same mounting as for run ([^ :]+):")
 """Ball, tool and bar stand as the sheet says of an earlier run."""
 POSES = re.compile(r'<table class="poses-list">(.*?)</table>', re.S)
 TURNS = re.compile(rf"\b([ABC]) from {NUMBER}° to {NUMBER}°")
-LEAST_MM = 1.01
-"""Places are set to the millimetre."""
+ROUNDED_MM = 6e-4
+"""Places are stated to 0.001 mm."""
 
 
 def sheet(plan: Plan, paths: list[Path]) -> Iterator[Finding]:
@@ -78,7 +78,7 @@ def _differs(plan: Plan, run: Run, part: str) -> Iterator[str]:
         found = re.search(pattern, part)
         if found is None:
             yield f"{name} is not on the sheet"
-        elif np.abs(np.array(found.groups(), float) - value).max() > LEAST_MM:
+        elif np.abs(np.array(found.groups(), float) - value).max() > ROUNDED_MM:
             yield f"{name} is {' '.join(found.groups())} mm on the sheet, {np.round(value, 3).tolist()} mm in campaign.toml"
     for name, low, high in TURNS.findall(part):
         angles = run.rows[:, plan.machine.names.index(name)]
