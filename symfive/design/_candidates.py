@@ -105,7 +105,8 @@ def _no_pose(space: Space, z: Array, k: Array) -> InputError:
     remedy = next(text for key, text in remedies.items() if worst.startswith(key))
     shortest = min(space.lengths)
     longer = f" (the shortest bar is {shortest:g} mm)" if space.bar else ""
-    return InputError(f"no pose can be reached: {worst} is in the way everywhere{longer}", remedy=remedy)
+    verb = "are" if " and " in worst else "is"
+    return InputError(f"no pose can be reached: {worst} {verb} in the way everywhere{longer}", remedy=remedy)
 
 
 def best_setups(

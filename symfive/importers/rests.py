@@ -174,9 +174,8 @@ def cut_at_rests(
         problem = (
             f"run {run.id}: {len(rests)} rests in the recording, {len(pairs)} of {run.rows} poses found by their times"
         )
-        raise InputError(
-            problem, remedy="give the dwell of the program, and the recording of this run from start to end"
-        )
+        remedy = "give the dwell of the program, and the recording of this run (--run names it) from start to end"
+        raise InputError(problem, remedy=remedy)
     largest = max(float(np.abs(rests[i].values).max()) for i in pairs.values())
     noise = min(run.noise(name) for name in run.instrument)
     if largest < noise:
