@@ -13,7 +13,7 @@ from symfive.design import Plan, circular_test, plan
 from symfive.errors import InputError
 from symfive.machine import preset
 from symfive.nc import DIALECTS, Post, program, series_of
-from symfive.procedures import r_test_grid
+from symfive.procedures import r_test_grid, rotary_circle
 from tests.plan_checker import check
 from tests.plan_checker.dialects import DIALECTS as WORDS
 
@@ -171,3 +171,13 @@ def test_a_circular_test_that_cannot_be_is_one_sentence(
     assert main(["plan", "three-axis", "-o", str(tmp_path / "plan"), "--circles", "iso-230-4", *options]) == 2
     error = capsys.readouterr().err
     assert said in error and error.count("\n") == 1 and not (tmp_path / "plan").exists()
+
+
+@pytest.mark.parametrize(("dialect", "line"), [("iso", "G64"), ("siemens", "G64"), ("linuxcnc", "G64 P0.005")])
+def test_a_recording_of_straight_blocks_switches_exact_stop_off(dialect: str, line: str) -> None:
+    """A Siemens control starts with G60: every one of the short blocks would end at rest."""
+    machine = preset("table-bc")
+    run = next(iter(rotary_circle(machine, axis="C", arrangement="radial", rate_hz=10.0)))
+    lines = program(machine, run, dialect).splitlines()
+    recorded = next(i for i, text in enumerate(lines) if "straight blocks" in text.casefold())
+    assert line in lines[:recorded] and not {"G60", "G61"} & set(lines)

@@ -24,7 +24,7 @@ class Step:
     with times of blocks. An `arc` names the two axes of its plane in `positions` (XY, YZ, ZX, in this order), `centre` of the
     circle in the same words, the signed `sweep` in degree, positive from the first to the second axis, and the positions of all
     axes on its `way` by row of the run; so does a block along which the control keeps the tool's centre. `orient` turns the
-    spindle to `text` degree. `contour` calls the plane named by `text` and the contouring mode.
+    spindle to `text` degree. `contour` calls the plane named by `text`, if any, and the contouring mode.
     """
 
     kind: str
@@ -78,7 +78,8 @@ class Dialect:
     it reads; `upper`: it reads capital letters only.
     `orient` turns the spindle to `{angle}` degree and holds it; controls whose words for it depend on the builder stop and let
     the operator turn it.
-    `contour` calls a circle's `{plane}` and the contouring mode: exact stop off, look-ahead as in production. `arc` writes a
+    `steady` switches exact stop off before a recording of straight blocks, where `start` has not done so; `contour` calls a
+    circle's `{plane}` and the contouring mode: exact stop off, look-ahead as in production. `arc` writes a
     circle's blocks, by default one a turn.
     `tool_centre`: the lines that switch tool-centre control on, with the length of tool `{tool}`, and off, at the place
     `{words}`; None where they depend on the machine's configuration, for which `tool_centre_example` shows what may stand there.
@@ -108,6 +109,7 @@ class Dialect:
     rotary: Sequence[str] = ()
     after_first_stop: Sequence[str] = ()
     contour: Sequence[str] = ("{plane} G64",)
+    steady: Sequence[str] = ("G64",)
     arc: Callable[[Block], Sequence[str]] = lambda arc: [f"{arc.code} {arc.words} {arc.offset} F{arc.feed}"] * arc.turns
     tool_centre: tuple[str, str] | None = None
     tool_centre_example: str = ""

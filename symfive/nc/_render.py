@@ -78,7 +78,8 @@ def _lines(dialect: Dialect, step: Step, before: Mapping[str, float], *, timed: 
     if step.kind == "rapid":
         return [dialect.rapid.format(words=words)]
     if step.kind == "contour":
-        return [line.format(plane=PLANES[step.text]) for line in dialect.contour]
+        lines = dialect.contour if step.text else dialect.steady
+        return [line.format(plane=PLANES.get(step.text, "")) for line in lines]
     if step.kind == "arc":
         return list(dialect.arc(_arc(dialect, step, before)))
     return [dialect.feed.format(words=words, feed=_feed(dialect, step, before, timed=timed))]

@@ -105,7 +105,8 @@ class Writer:
             found.append(Step(kind="comment", text=f"bar {run.length:g} mm"))
         self.seated = False
         found += self.first_moves()
-        found += [] if self.circle is None else [Step(kind="contour", text=self.circle.plane)]
+        if run.dynamic:
+            found.append(Step(kind="contour", text="" if self.circle is None else self.circle.plane))
         zeroed = all(instrument.zeroed(run) for instrument in instruments_of(run))
         seat = f"{'MOUNT' if self.bar else 'SEAT'} {self._ball}"
         if run.dynamic:

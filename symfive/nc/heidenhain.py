@@ -90,6 +90,7 @@ HEIDENHAIN = Dialect(
     dwell="CYCL DEF 9.0 DWELL TIME\nCYCL DEF 9.1 DWELL {seconds}",
     stop=("; {text}", "STOP M0"),
     contour=(),
+    steady=(),
     arc=_arc,
     retract=("L {words} R0 FMAX M91",),
     orient=("CYCL DEF 13.0 ORIENTATION", "CYCL DEF 13.1 ANGLE {angle}", "M19"),

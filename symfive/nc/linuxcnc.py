@@ -44,6 +44,7 @@ LINUXCNC = Dialect(
     dwell="G4 P{seconds}",
     stop=("(MSG, {text})", "M0"),
     contour=("{plane} G64 P0.002 Q0.001",),
+    steady=(),
     arc=_arc,
     retract=("G49", "G53 G0 {words}"),
     orient=("M19 R{angle} Q30",),
