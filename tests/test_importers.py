@@ -375,8 +375,8 @@ def test_what_is_odd_about_a_circle_is_noted_with_the_remedy(name: str, tmp_path
 
 
 def test_two_files_of_one_direction_are_noted(tmp_path: Path, capsys):
-    for name in ("a", "b"):
-        (tmp_path / f"{name}.txt").write_text("".join(f"{a} {1.0 + 3.0 * np.sin(a):.3f}\n" for a in ANGLES))
+    for name, size in (("a", 3.0), ("b", 3.1)):
+        (tmp_path / f"{name}.txt").write_text("".join(f"{a} {1.0 + size * np.sin(a):.3f}\n" for a in ANGLES))
     call = ["import-polar", "three-axis", str(tmp_path / "a.txt"), str(tmp_path / "b.txt"), "-o", str(tmp_path / "c")]
     call += ["--radius", "100", "--feed", "1000"]
     assert main(call) == 0
