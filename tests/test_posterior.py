@@ -6,8 +6,10 @@ from functools import cache
 import numpy as np
 import pytest
 from posterior_world import NOISE, bars
+from scipy.signal import lfilter
 from scipy.stats import multivariate_normal
 
+from symfive.campaign import Campaign
 from symfive.effects import EFFECTS, Form, make_effect
 from symfive.inference import whiten
 from symfive.model import Model
@@ -36,6 +38,7 @@ from symfive.posterior import (
     nodes_of,
     refitted,
     solution,
+    usual_noises,
     widths_of,
 )
 from symfive.posterior._evidence import Turned
@@ -99,6 +102,39 @@ def test_flicker_noise_is_more_probable_as_such_than_with_one_time() -> None:
         return -0.5 * (float(np.sum(white**2)) + logs)
 
     assert log_likelihood(slow) > max(log_likelihood(node) for node in nodes if node.decades == 1) + 10.0
+
+
+def with_slow_noise(angles: int, size: float, rows: float) -> Campaign:
+    """Clean circles whose noise has a Gauss-Markov part of so many NOISE, correlated over so many rows."""
+    rng, phi = np.random.default_rng(11), np.exp(-1.0 / rows)
+    whole, runs = bars({}, angles=angles), []
+    for run in whole.runs:
+        drawn = rng.normal(size=run.rows) * size * NOISE * np.sqrt(1.0 - phi**2)
+        drawn[0] /= np.sqrt(1.0 - phi**2)
+        slow = lfilter([1.0], [1.0, -phi], drawn)
+        runs.append(run.with_readings({name: values + slow for name, values in run.readings.items()}))
+    return replace(whole, runs=tuple(runs))
+
+
+def test_noise_between_the_nodes_is_found_as_well_as_the_readings_know_it() -> None:
+    campaign = with_slow_noise(3000, 0.55, 40.0)
+    fit = baseline(campaign)
+    here, _ = expanded(fit, (), replace(candidates(campaign), sharp=True))
+    interval = campaign.runs[0].interval
+    *usual, own = here.noises
+    by_node = log_evidence(moments_of(fit, (), ()), ()).by_node
+    ahead = log_evidence(moments_of(fit, (), (), here.noises), ()).by_node.max() - by_node.max()
+    assert own.size == pytest.approx(0.55, rel=0.2)
+    assert own.time / interval == pytest.approx(40.0, rel=0.5)
+    assert ahead > 5.0
+    assert here.node.size == own.size
+    assert own.log_prior < min(node.log_prior for node in usual if node.size <= 1.0)  # it stands for less than a node
+
+
+def test_noise_that_few_readings_hardly_know_is_that_of_the_nodes() -> None:
+    campaign = with_slow_noise(60, 0.55, 40.0)
+    here, _ = expanded(baseline(campaign), (), replace(candidates(campaign), sharp=True))
+    assert here.noises == usual_noises(here.fit)
 
 
 @pytest.mark.parametrize(("angles", "few"), [(240, False), (60, True)])

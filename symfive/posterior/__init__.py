@@ -25,7 +25,7 @@ from symfive.posterior._fit import (
     refitted,
     sigmas_from_nothing,
 )
-from symfive.posterior._moments import Moments, moments_of
+from symfive.posterior._moments import Moments, moments_of, usual_noises
 from symfive.posterior._noise import grams, nodes_of
 from symfive.posterior._polish import expanded, polish
 from symfive.posterior._sweep import Sweep, widths_of
@@ -36,5 +36,6 @@ __all__ = [
     "EXPECTED", "SAME", "WHITE", "WIDTHS", "Candidates", "Expansion", "Moments", "Name", "Posterior", "Subset", "Sweep", "Term",
     "Verdict", "baseline", "candidates", "coarsened", "contradicted", "decide", "expanded", "explore", "fitted", "grams",
     "laws_apart", "linear_estimate", "log_evidence", "log_width", "misfit", "moments_about", "moments_of", "name_of",
-    "nearest_width", "nodes_of", "over_all", "polish", "refitted", "sigmas_from_nothing", "solution", "verdicts_on", "widths_of",
+    "nearest_width", "nodes_of", "over_all", "polish", "refitted", "sigmas_from_nothing", "solution", "usual_noises",
+    "verdicts_on", "widths_of",
 ]  # fmt: skip

@@ -31,7 +31,7 @@ def moments_about(here: Expansion, candidates: Candidates) -> Moments:
         if f.effect.key not in taken and not freed & set(f.effect.frees())
     ]
     varied = variations_of(here.held, here.fit.model.campaign) if candidates.vary else []
-    return moments_of(here.fit, here.held, [*fresh, *varied])
+    return moments_of(here.fit, here.held, [*fresh, *varied], here.noises)
 
 
 def _in_held_laws(here: Expansion, candidates: Candidates) -> Iterator[Form]:

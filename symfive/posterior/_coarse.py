@@ -25,7 +25,8 @@ from symfive.posterior._evidence import SHARE, LogEvidence, beside, explained, l
 from symfive.posterior._explore import Posterior, Subset, explore, held_by, log_prior
 from symfive.posterior._fit import fitted
 from symfive.posterior._moments import Moments
-from symfive.posterior._noise import NEGLIGIBLE, Node
+from symfive.posterior._noise import NEGLIGIBLE, Node, share_of
+from symfive.posterior._noise import SIZES as NOISE
 from symfive.posterior._scale import STEPS
 from symfive.posterior._terms import UNIDENTIFIED
 
@@ -79,10 +80,7 @@ def _no_noise(moments: Moments, node: Node) -> float:
     """How probable it is that what a node holds is no noise of an instrument: an unidentified effect may have any size."""
     if node.size == 0.0:
         return 0.0
-    same = [each.size == node.size for each in moments.nodes]
-    sizes = {each.size for each in moments.nodes if each.size > 0.0}
-    share = np.logaddexp.reduce(moments.log_prior[same]) - np.logaddexp.reduce(moments.log_prior)
-    odds = UNIDENTIFIED / len(sizes) / float(np.exp(share))
+    odds = UNIDENTIFIED / len(NOISE) / share_of(node.size)
     return odds / (1.0 + odds)
 
 

@@ -42,6 +42,7 @@ class Expansion:
     kappa2: float
     discrepancies: tuple[Form, ...] = ()
     others: tuple[tuple[float, Identification], ...] = ()
+    noises: tuple[Node, ...] = ()
 
     def discrepancies_of(self, keys: Collection[str]) -> tuple[Form, ...]:
         """What the effects of these keys are off by."""

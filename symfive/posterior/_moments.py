@@ -20,11 +20,11 @@ from symfive.effects import Form
 from symfive.identify import Identification
 from symfive.instruments import has_clock_of_its_own
 from symfive.posterior._eliminate import Total, eliminated, eliminated_rows
-from symfive.posterior._noise import EXACT_ROWS, Node, grams, nodes_of, whitened
+from symfive.posterior._noise import EXACT_ROWS, Bands, Node, grams, nodes_of, whitened
 from symfive.posterior._tables import STATED, Columns, Scale, Table, Tables
 from symfive.posterior._terms import Term, terms_of
 
-__all__ = ["Alike", "Columns", "Moments", "moments_of"]
+__all__ = ["Alike", "Columns", "Known", "Moments", "moments_of", "of_electronics", "usual_noises"]
 
 T = TypeVar("T")
 
@@ -121,21 +121,61 @@ class Moments:
         return int(self.gram.shape[1])
 
 
-def moments_of(fit: Identification, held: Sequence[Form], fresh: Sequence[Form]) -> Moments:
-    """The moments of a fit: `held` the forms of its effects beyond the machine file's, in order, `fresh` those that may join."""
-    campaign = fit.model.campaign
-    runs = campaign.runs
-    readings = sum(run.rows * len(fit.model.columns(run)) for run in runs)
-    flicker = all(map(has_clock_of_its_own, runs))  # of an instrument's electronics: what the control counts has none
-    noises = nodes_of(max(map(_recorded, runs)), min(run.interval for run in runs), readings, flicker)
+def moments_of(
+    fit: Identification, held: Sequence[Form], fresh: Sequence[Form], noises: Sequence[Node] = ()
+) -> Moments:
+    """The moments of a fit: `held` the forms of its effects beyond the machine file's, in order, `fresh` those that may join;
+    under some `noises`, the usual ones where none are given."""
     tables = Tables(fit, [form.effect for form in held], fresh)
+    return _reduced(tables, held, fresh, noises or usual_noises(fit), ((table, None) for table in tables))
+
+
+@dataclass(frozen=True)
+class Known:
+    """The moments of what a fit holds, under any noise, by bands."""
+
+    tables: Tables
+    held: tuple[Form, ...]
+    parts: tuple[tuple[Table, Bands], ...]
+
+    @classmethod
+    def of(cls, fit: Identification, held: Sequence[Form]) -> Known:
+        """Of a fit, and the forms of its effects beyond the machine file's, in order."""
+        tables = Tables(fit, [form.effect for form in held], ())
+        return cls(tables, tuple(held), tuple((table, Bands.of(table.rows, table.interval)) for table in tables))
+
+    def moments(self, noises: Sequence[Node]) -> Moments:
+        """Under some noises."""
+        return _reduced(self.tables, self.held, (), noises, self.parts)
+
+
+def usual_noises(fit: Identification) -> tuple[Node, ...]:
+    """The nodes of a campaign's noise."""
+    runs = fit.model.campaign.runs
+    readings = sum(run.rows * len(fit.model.columns(run)) for run in runs)
+    return nodes_of(max(map(_recorded, runs)), min(run.interval for run in runs), readings, of_electronics(fit))
+
+
+def of_electronics(fit: Identification) -> bool:
+    """Whether all noise is that of instruments: what the control itself records holds counts, and physics."""
+    return all(map(has_clock_of_its_own, fit.model.campaign.runs))
+
+
+def _reduced(
+    tables: Tables,
+    held: Sequence[Form],
+    fresh: Sequence[Form],
+    noises: Sequence[Node],
+    parts: Iterable[tuple[Table, Bands | None]],
+) -> Moments:
+    """The moments of tables, set-up and geometry eliminated; from the bands of those where they are known."""
     scales = tables.scales
     nodes = tuple(replace(n, log_prior=n.log_prior + scale.log_prior) for scale in scales for n in noises)
     departure = np.repeat([tables.departure / scale.geometry for scale in scales], len(noises), axis=0)
     total, alone, raw = (Total(number, tables.size) for number in (len(nodes), len(nodes), 1))
     const, count = np.zeros(len(nodes)), 0
-    for table in tables:
-        const += _summed(table, table.rows, noises, scales, total, raw)
+    for table, bands in parts:
+        const += _summed(table, table.rows, noises, scales, total, raw, bands)
         count += table.count
         if table.alone is not None:
             _summed(table, table.alone, noises, scales, alone)
@@ -147,7 +187,7 @@ def moments_of(fit: Identification, held: Sequence[Form], fresh: Sequence[Form])
     whole, _, _ = raw.without(0, np.zeros(0))
     blocks = _blocks(terms, columns)
     whole = whole[0, first:, first:]
-    found = Moments(fit, terms, columns, len(held), nodes, gram, const + logs, prior, count, blocks, whole, few)
+    found = Moments(tables.fit, terms, columns, len(held), nodes, gram, const + logs, prior, count, blocks, whole, few)
     if not tables.alone:
         return found
     gram, few, _ = alone.without(tables.geometry, departure)
@@ -155,13 +195,14 @@ def moments_of(fit: Identification, held: Sequence[Form], fresh: Sequence[Form])
 
 
 def _summed(
-    table: Table, rows: Array, noises: Sequence[Node], scales: Sequence[Scale], total: Total, raw: Total | None = None
-) -> Array:
+    table: Table, rows: Array, noises: Sequence[Node], scales: Sequence[Scale], total: Total, raw: Total | None = None,
+    bands: Bands | None = None,
+) -> Array:  # fmt: skip
     """Adds the moments of a run's `rows`, its set-up eliminated, to a `total`, under every noise where each of the scales holds,
     and under white noise, with nothing eliminated, to `raw`; what they add to `const` (J,)."""
     count, columns, size = rows.shape
-    few = count < EXACT_ROWS and count * columns < size
-    white, logs = (whitened if few else grams)(rows, table.interval, noises)
+    few = bands is None and count < EXACT_ROWS and count * columns < size
+    white, logs = bands.grams(noises) if bands else (whitened if few else grams)(rows, table.interval, noises)
     if raw and few:
         raw.add_rows(white[:1, :, table.setup :], table.where)
     elif raw:

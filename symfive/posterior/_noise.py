@@ -21,11 +21,16 @@ from scipy.fft import dct
 from symfive.arrays import Array, Indices
 from symfive.inference import Noise, whiten
 
-__all__ = ["EXACT_ROWS", "NEGLIGIBLE", "Node", "grams", "nodes_of", "whitened"]
+__all__ = [
+    "DECADE", "EXACT_ROWS", "HALF", "NEGLIGIBLE", "SIZES", "USUAL", "Bands", "Node", "grams", "nodes_of", "share_of",
+    "whitened",
+]  # fmt: skip
 
 SIZES, SHARES = (0.3, 1.0, 3.0), (0.003, 0.03, 0.3)
 """Coloured noise: 1σ in units of the declared noise, correlation time as a share of the longest run; half a decade and a decade
-apart, so that no noise is further from a node than what its size and time are known to from one campaign."""
+apart. Noise that the readings know better has a node of its own (`noises_of`)."""
+HALF, DECADE = 0.5 * float(np.log(10.0)), float(np.log(10.0))
+"""What one node stands for, in logarithms of size and time."""
 USUAL = 0.4
 """Mean size of the slow noise of instruments: 0.09 to 1.3 of the white noise, 0.38 on average, in the seven series of
 docs/recordings.md that were recorded at rest and neither hum nor drift."""
@@ -82,21 +87,46 @@ def nodes_of(longest: float, interval: float = 0.0, readings: int = 1, flicker: 
     return Node(0.0, 0.0, float(np.log(1.0 - np.sum(share[slow])))), *coloured
 
 
+def share_of(size: float) -> float:
+    """The prior probability of noise of such a size, within half a decade."""
+    weight = np.exp(-np.array([size, *SIZES]) / USUAL)
+    return float(0.5 * weight[0] / weight[1:].sum())
+
+
 def grams(table: Array, interval: float, nodes: Sequence[Node]) -> tuple[Array, Array]:
     """Whitened Gram matrices (J, k, k) of a table (N, ny, k) in declared noise, and Σ log of the noise's variances (J,)."""
-    rows, columns, size = table.shape
-    if rows < EXACT_ROWS:
+    if len(table) < EXACT_ROWS:
         white, logs = whitened(table, interval, nodes)
         return np.swapaxes(white, 1, 2) @ white, logs
-    cosines = dct(table, axis=0, norm="ortho")
-    edges = _edges(rows)
-    bands = np.empty((len(edges) - 1, size, size))
-    for band, (first, last) in zip(bands, pairwise(edges), strict=True):
-        part = cosines[first:last].reshape(-1, size)
-        np.matmul(part.T, part, out=band)
-    spectra = np.stack([node.spectrum(rows, interval) for node in nodes])
-    weights = np.add.reduceat(1.0 / spectra, edges[:-1], axis=1) / np.diff(edges)
-    return np.einsum("jb,bkl->jkl", weights, bands, optimize=True), columns * np.log(spectra).sum(axis=1)
+    return Bands.of(table, interval).grams(nodes)
+
+
+@dataclass(frozen=True)
+class Bands:
+    """A table (N, ny, k) in declared noise as its cosines: `products` (B, k, k) of those in each band, and where bands begin."""
+
+    products: Array
+    edges: Indices
+    columns: int
+    interval: float
+
+    @classmethod
+    def of(cls, table: Array, interval: float) -> Bands:
+        rows, columns, size = table.shape
+        cosines = dct(table, axis=0, norm="ortho")
+        edges = _edges(rows)
+        products = np.empty((len(edges) - 1, size, size))
+        for product, (first, last) in zip(products, pairwise(edges), strict=True):
+            part = cosines[first:last].reshape(-1, size)
+            np.matmul(part.T, part, out=product)
+        return cls(products, edges, columns, interval)
+
+    def grams(self, nodes: Sequence[Node]) -> tuple[Array, Array]:
+        """As those of the table."""
+        spectra = np.stack([node.spectrum(int(self.edges[-1]), self.interval) for node in nodes])
+        weights = np.add.reduceat(1.0 / spectra, self.edges[:-1], axis=1) / np.diff(self.edges)
+        logs = self.columns * np.log(spectra).sum(axis=1)
+        return np.einsum("jb,bkl->jkl", weights, self.products, optimize=True), logs
 
 
 def whitened(table: Array, interval: float, nodes: Sequence[Node]) -> tuple[Array, Array]:

@@ -19,7 +19,8 @@ from symfive.posterior._evidence import SHARE, log_evidence
 from symfive.posterior._explore import Posterior, Subset, explore, held_by, log_prior, marginal_evidence
 from symfive.posterior._fit import SEARCHED, WHITE, Expansion, expansion, fitted, refitted, settled
 from symfive.posterior._isolated import log_chance, odd_readings
-from symfive.posterior._moments import Moments, moments_of
+from symfive.posterior._moments import Moments, moments_of, usual_noises
+from symfive.posterior._noises import noises_of
 from symfive.posterior._terms import Candidates, Name
 from symfive.screen import plural
 
@@ -44,11 +45,12 @@ def expanded(fit: Identification, held: Sequence[Form], candidates: Candidates) 
     """The fit's best noise, and its log evidence with all that it holds, each form with its discrepancy."""
     covers = {form.effect.answers for form in held if not form.effect.unidentified}
     blocks = [f for f in candidates.forms if f.basis is not None and (f.channel, f.effect.coordinate) in covers]
-    moments = moments_of(fit, held, blocks)
+    noises = noises_of(fit, held) if candidates.sharp else ()
+    moments = moments_of(fit, held, blocks, noises)
     members = held_by(moments)
     evidence, blocks_used = marginal_evidence(moments, members)
     best = log_evidence(moments, members, blocks_used)
-    return Expansion(fit, tuple(held), moments.nodes[best.node], best.kappa2), evidence
+    return Expansion(fit, tuple(held), moments.nodes[best.node], best.kappa2, noises=noises), evidence
 
 
 def polish(
@@ -59,10 +61,10 @@ def polish(
 
     First the effects that have a name; then whether those that are held are the same everywhere, and whether something acts that
     none of them explains: a law of which the moments hold the slope alone is refitted before anything more general may stand in
-    its place.
+    its place. Last the noise between the nodes: while something is missing, the noise that suits the fit best stands for that.
     """
     first = _first(before, candidates, progress)
-    now = _opened(_settled(first), first)
+    now = _sharpened(_opened(_settled(first), first))
     moments, held = now.posterior.moments, held_by(now.posterior.moments)
     _, blocks = marginal_evidence(moments, held)
     forms = [moments.terms[number].form for number, _ in blocks]
@@ -99,6 +101,15 @@ def _opened(named: _Round, first: _Round) -> _Round:
         if other.whole > now.promise():
             return other
     return _settled(now)
+
+
+def _sharpened(now: _Round) -> _Round:
+    """The expansion at which nothing moves once noise may lie between the nodes, if the readings know it better than these."""
+    sharp = replace(now.candidates, sharp=True)
+    here, _ = expanded(now.here.fit, now.here.held, sharp)
+    if here.noises == usual_noises(here.fit):
+        return now
+    return _settled(_Round.at(settled(here), sharp, now.progress, named=now.named))
 
 
 def _at_ease(before: Identification, candidates: Candidates) -> Expansion:

@@ -30,11 +30,12 @@ UNIDENTIFIED = float(np.exp(-5.0))
 @dataclass(frozen=True)
 class Candidates:
     """All that may be missing in a campaign: `forms` at known places, and `scans` for those that have to be placed; `vary`:
-    whether what is found may not be the same everywhere."""
+    whether what is found may not be the same everywhere; `sharp`: whether noise may lie between the nodes."""
 
     forms: tuple[Form, ...]
     scans: tuple[Scan | Tone, ...]
     vary: bool = True
+    sharp: bool = False
 
 
 @dataclass(frozen=True)
