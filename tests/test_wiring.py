@@ -58,6 +58,21 @@ def test_it_is_said_which_sensor_of_which_run(order, signs, runs, says) -> None:
     assert any(says in note for note in found.notes), found.notes
 
 
+@pytest.mark.parametrize(("lines", "says"), [(-1, "further down"), (1, "further up")])
+@pytest.mark.parametrize("runs", [("two",), ("one", "two")])
+def test_readings_that_stand_a_line_off_are_said(lines: int, says: str, runs: tuple[str, ...]) -> None:
+    """The first reading was forgotten, or taken twice; the last line holds what was read last, or has none left."""
+    measured = simulate(PLAN, seed=2).campaign
+
+    def moved(values: np.ndarray) -> np.ndarray:
+        return np.concatenate([values[:1], values[:-1]] if lines > 0 else [values[1:], values[-1:]])
+
+    off = [r.with_readings({n: moved(v) for n, v in r.readings.items()}) if r.id in runs else r for r in measured.runs]
+    (said,) = wiring_doubts(identify(replace(measured, runs=tuple(off))))
+    place = "all runs" if len(runs) > 1 else "run two"
+    assert said.startswith(f"{place}: every reading one line {says} would explain")
+
+
 def test_sensors_with_directions_of_their_own_are_not_looked_at() -> None:
     options = {"directions": [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.6, 0.8, 0.0]]}
     run = replace(PLAN.runs[0], options=options)

@@ -1,4 +1,5 @@
-"""Files whose readings are something else than their columns say: a sign, the columns, or the unit of a run.
+"""Files whose readings are something else than their columns and lines say: a sign, the columns, the unit or, of rows at
+rest, the line of a run.
 
 A fit is linear in small errors, so what it would leave of other readings follows from its normal equations. Whether a run, or all
 of the same columns, hold other readings is decided by the odds of the two fits, each with the noise that it needs; a unit 1000
@@ -12,6 +13,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -34,29 +36,55 @@ Part = tuple[str, str]
 """Run and instrument."""
 
 
+@dataclass(frozen=True)
+class _Other:
+    """Other readings, in words: y = matrix · readings or, where there is none, those so many `lines` further down."""
+
+    words: str
+    matrix: Array | None = None
+    lines: int = 0
+
+    @property
+    def turns_all(self) -> bool:
+        """Whether several signs are turned: with those of the errors, too, these may be the same readings."""
+        return self.matrix is not None and int(np.sum(self.matrix < 0.0)) > 1
+
+    @property
+    def density(self) -> float:
+        """Of a row of them, over that of the readings (log)."""
+        return 0.0 if self.matrix is None else float(np.linalg.slogdet(self.matrix)[1])
+
+
+MOVED = (_Other("every reading one line further up", lines=-1), _Other("every reading one line further down", lines=1))
+"""A reading forgotten, or one too many, where somebody writes them line by line."""
+
+
 def wiring_doubts(fit: Identification, beside: Sequence[Effect] = ()) -> tuple[str, ...]:
     """The other readings that explain what a fit leaves, in words; nothing where the fit explains its readings, or none do.
 
     `beside` are effects that may act as well, each of its usual size: they explain what they can of either readings.
     """
-    places = _places(fit)
-    tried = [(where, name) for where, columns in places.items() for name in _wirings(columns)]
+    places, campaign = _places(fit), fit.model.campaign
+    tried = [
+        (where, other)
+        for where, columns in places.items()
+        for other in (*_wirings(columns), *(() if any(campaign.run(run).dynamic for run, _ in where) else MOVED))
+    ]
     limit = np.log(SURE / ODDS * max(len(tried), 1))
-    if not tried or fit.model.campaign.rows > MOST_ROWS or fit.chi2_dof * fit.dof < fit.dof + 2.0 * limit:
+    if not tried or campaign.rows > MOST_ROWS or fit.chi2_dof * fit.dof < fit.dof + 2.0 * limit:
         return ()
-    model = Model(fit.model.campaign, (*fit.model.added, *beside)) if beside else fit.model
+    model = Model(campaign, (*fit.model.added, *beside)) if beside else fit.model
     sums = _Sums(fit, model, [part for part in places if len(part) == 1])
     now, dof = sums.left({}), max(float(fit.dof), 1.0)
     found: list[tuple[float, tuple[Part, ...], str, float]] = []
-    for where, name in tried:
-        matrix = _wirings(places[where])[name]
-        if len(where) == len(fit.model.campaign.runs) and np.sum(matrix < 0.0) > 1:
-            continue  # all signs turned, and those of the errors too, are the same readings
-        left = sums.left(dict.fromkeys(where, matrix))
-        density = sum(sums.rows[part] for part in where) * float(np.linalg.slogdet(matrix)[1])
+    for where, other in tried:
+        if len(where) == len(campaign.runs) and other.turns_all:
+            continue
+        left = sums.left(dict.fromkeys(where, other))
+        density = sum(sums.rows[part] for part in where) * other.density
         wide = max(left / dof, 1.0)
         gain = 0.5 * dof * np.log(max(now / dof, 1.0) / wide) + density
-        found.append((gain / (1.0 + 0.5 * dof * (wide - 1.0 - np.log(wide))), where, name, left))
+        found.append((gain / (1.0 + 0.5 * dof * (wide - 1.0 - np.log(wide))), where, other.words, left))
     best, where, name, left = max(found, key=lambda each: each[0])
     if best <= limit:
         return ()
@@ -65,7 +93,7 @@ def wiring_doubts(fit: Identification, beside: Sequence[Effect] = ()) -> tuple[s
     before, after = (plain_number(float(np.sqrt(max(square, 0.0) / dof))) for square in (now, left))
     return (
         f"{runs}: {name} would explain the readings: the residual falls from {before} to {after} times the noise; check wiring, "
-        "columns and units, correct the file, and repeat",
+        "columns, lines and units, correct the file, and repeat",
     )
 
 
@@ -89,14 +117,14 @@ def _runs_words(where: tuple[Part, ...], fit: Identification) -> str:
 
 
 @cache
-def _wirings(columns: tuple[str, ...]) -> Mapping[str, Array]:
-    """What else columns may hold, in words: others of them, their signs, another unit; y = matrix · readings."""
-    same = np.eye(len(columns))
+def _wirings(columns: tuple[str, ...]) -> tuple[_Other, ...]:
+    """What else columns may hold: others of them, their signs, another unit."""
     names = [column.rpartition("_")[0] for column in columns]
-    return dict(_reordered(names)) | {f"{' and '.join(names)} {said}": g * same for g, said in UNITS.items()}
+    units = (_Other(f"{' and '.join(names)} {said}", g * np.eye(len(columns))) for g, said in UNITS.items())
+    return (*_reordered(names), *units)
 
 
-def _reordered(names: Sequence[str]) -> Iterator[tuple[str, Array]]:
+def _reordered(names: Sequence[str]) -> Iterator[_Other]:
     """Every other assignment of the sensors to the columns, and their signs."""
     count = len(names)
     for order in itertools.permutations(range(count)):
@@ -104,7 +132,7 @@ def _reordered(names: Sequence[str]) -> Iterator[tuple[str, Array]]:
             matrix = np.zeros((count, count))
             matrix[range(count), order] = signs
             if not np.array_equal(matrix, np.eye(count)):
-                yield _words(names, order, signs), matrix
+                yield _Other(_words(names, order, signs), matrix)
 
 
 def _words(names: Sequence[str], order: Sequence[int], signs: Sequence[float]) -> str:
@@ -128,7 +156,7 @@ class _Sums:
     def __init__(self, fit: Identification, model: Model, parts: Collection[tuple[Part, ...]]) -> None:
         problem, sigma, values = fit.problem(model), model.prior_sigma, model.vector(fit.named)
         slopes, left = [np.eye(len(sigma))], [(model.prior_mean - values) / sigma]
-        self.rows, self._changes = dict[Part, int](), dict[Part, int]()
+        self.rows, self._columns, self._at = dict[Part, int](), dict[Part, int](), dict[tuple[Part, int], int]()
         changes, here = list[tuple[int, Array]](), len(sigma)
         for (id, instrument), block in problem.blocks(values).items():
             weight = ~block.left_out / problem.noises[id, instrument].declared
@@ -136,13 +164,21 @@ class _Sums:
             table[:, :, block.columns] = block.jacobian * sigma[block.columns] * weight[:, :, None]
             slopes.append(table.reshape(weight.size, -1))
             left.append((block.residual * weight).ravel())
-            if ((id, instrument),) in parts:
+            part = (id, instrument)
+            if (part,) in parts:
                 run = model.campaign.run(id)
-                self.rows[id, instrument] = run.rows
                 columns = [column.name for column in INSTRUMENTS[instrument].columns(run, model.campaign.machine)]
-                self._changes[id, instrument] = len(columns) ** 2
+                read = np.stack([run.readings[name] for name in columns], axis=1)
+                self.rows[part], self._columns[part] = run.rows, len(columns)
+                self._at[part, 0] = len(changes)
                 for place, name in itertools.product(np.eye(len(columns)), columns):
                     changes.append((here, (run.readings[name][:, None] * place * weight).ravel()))
+                for other in () if run.dynamic else MOVED:
+                    self._at[part, other.lines] = len(changes)
+                    changes.append((here, ((np.roll(read, other.lines, axis=0) - read) * weight).ravel()))
+                    free = np.zeros((run.rows, len(columns)))
+                    free[0 if other.lines > 0 else -1] = 1.0  # the row that no reading is left for
+                    changes += [(here, (free * place).ravel()) for place in np.eye(len(columns))]
             here += weight.size
         moved = np.zeros((here, len(changes) + 1))
         moved[:, -1] = np.concatenate(left)
@@ -154,9 +190,17 @@ class _Sums:
             moved -= matrix @ np.linalg.solve(factor.T, np.linalg.solve(factor, matrix.T @ moved))
         self._square = moved.T @ moved
 
-    def left(self, wirings: Mapping[Part, Array]) -> float:
+    def left(self, others: Mapping[Part, _Other]) -> float:
         """χ², priors included, that the fit leaves where some parts hold other readings."""
-        sizes = [(wirings[part] - np.eye(len(wirings[part]))).ravel() if part in wirings else np.zeros(count)
-                 for part, count in self._changes.items()]  # fmt: skip
-        change = np.concatenate([*sizes, [1.0]])
-        return float(change @ self._square @ change)
+        change, free = np.zeros(len(self._square)), list[int]()
+        change[-1] = 1.0
+        for part, other in others.items():
+            at, columns = self._at[part, other.lines], self._columns[part]
+            if other.matrix is None:
+                change[at] = 1.0
+                free += range(at + 1, at + 1 + columns)
+            else:
+                change[at : at + columns**2] = (other.matrix - np.eye(columns)).ravel()
+        gone = self._square[free] @ change
+        best = np.linalg.lstsq(self._square[np.ix_(free, free)], gone, rcond=None)[0]
+        return float(change @ self._square @ change - gone @ best)
