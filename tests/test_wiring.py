@@ -1,13 +1,14 @@
 """Readings that are reversed, exchanged or in another unit: said with the run, and not said where physics is missing instead."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from laser_world import axis_alone, laser_run
 from lean import location_only
 
-from symfive.campaign import Campaign
+from symfive.campaign import Campaign, read_campaign
 from symfive.diagnose import diagnose
 from symfive.effects import make_effect
 from symfive.identify import identify, wiring_doubts
@@ -17,6 +18,7 @@ from symfive.procedures import campaign_of, r_test_grid
 from symfive.report import diagnosis_text
 from symfive.simulate import simulate
 
+READY = Path(__file__).parents[1] / "designs" / "plans" / "head-bc-r-test-36"
 COLUMNS = ("dx_um", "dy_um", "dz_um")
 PLACES = np.array([-300.0, -221.0, -148.0, -77.0, 3.0, 71.0, 152.0, 219.0, 300.0])
 
@@ -71,6 +73,23 @@ def test_readings_that_stand_a_line_off_are_said(lines: int, says: str, runs: tu
     (said,) = wiring_doubts(identify(replace(measured, runs=tuple(off))))
     place = "all runs" if len(runs) > 1 else "run two"
     assert said.startswith(f"{place}: every reading one line {says} would explain")
+
+
+def test_a_reversed_sensor_is_said_where_the_fit_excludes_what_contradicts_it() -> None:
+    """Thirteen poses hardly tell 35 unknowns: beside nine readings that count as outliers these explain all others."""
+    measured, runs = simulate(read_campaign(READY), seed=1).campaign, []
+    for run in measured.runs:
+        thinned = replace(
+            run,
+            commands={name: values[::3] for name, values in run.commands.items()},
+            readings={name: values[::3] for name, values in run.readings.items()},
+            time=None if run.time is None else np.asarray(run.time)[::3],
+        )
+        runs.append(thinned.with_readings({**thinned.readings, "dx_um": -thinned.readings["dx_um"]}))
+    found = identify(replace(measured, runs=tuple(runs)))
+    assert found.chi2_dof < 2.0 and len(found.outliers) > 3
+    (said,) = wiring_doubts(found)
+    assert said.startswith("all runs: dx reversed in sign would explain")
 
 
 def test_sensors_with_directions_of_their_own_are_not_looked_at() -> None:

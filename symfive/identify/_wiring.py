@@ -70,27 +70,44 @@ def wiring_doubts(fit: Identification, beside: Sequence[Effect] = ()) -> tuple[s
         for where, columns in places.items()
         for other in (*_wirings(columns), *(() if any(campaign.run(run).dynamic for run, _ in where) else MOVED))
     ]
-    limit = np.log(SURE / ODDS * max(len(tried), 1))
-    if not tried or campaign.rows > MOST_ROWS or fit.chi2_dof * fit.dof < fit.dof + 2.0 * limit:
+    if not tried or campaign.rows > MOST_ROWS:
         return ()
     model = Model(campaign, (*fit.model.added, *beside)) if beside else fit.model
-    sums = _Sums(fit, model, [part for part in places if len(part) == 1])
-    now, dof = sums.left({}), max(float(fit.dof), 1.0)
+    for excluded in (True, False)[: 1 + bool(fit.outliers)]:
+        if said := _said(fit, model, places, tried, excluded):
+            return said
+    return ()
+
+
+def _said(
+    fit: Identification,
+    model: Model,
+    places: Mapping[tuple[Part, ...], tuple[str, ...]],
+    tried: Sequence[tuple[tuple[Part, ...], _Other]],
+    excluded: bool,
+) -> tuple[str, ...]:
+    """The best of the other readings that are `tried`, in words, if it is sure; without the readings that the fit
+    `excluded`, or with them: what are outliers as they are read may be none as they were meant."""
+    campaign, limit = fit.model.campaign, np.log(SURE / ODDS * len(tried))
+    if excluded and fit.chi2_dof * fit.dof < fit.dof + 2.0 * limit:
+        return ()
+    sums = _Sums(fit, model, [part for part in places if len(part) == 1], excluded)
+    now, count = sums.left({}), sums.count
     found: list[tuple[float, tuple[Part, ...], str, float]] = []
     for where, other in tried:
         if len(where) == len(campaign.runs) and other.turns_all:
             continue
         left = sums.left(dict.fromkeys(where, other))
         density = sum(sums.rows[part] for part in where) * other.density
-        wide = max(left / dof, 1.0)
-        gain = 0.5 * dof * np.log(max(now / dof, 1.0) / wide) + density
-        found.append((gain / (1.0 + 0.5 * dof * (wide - 1.0 - np.log(wide))), where, other.words, left))
+        wide = max(left / count, 1.0)
+        gain = 0.5 * count * np.log(max(now / count, 1.0) / wide) + density
+        found.append((gain / (1.0 + 0.5 * count * (wide - 1.0 - np.log(wide))), where, other.words, left))
     best, where, name, left = max(found, key=lambda each: each[0])
     if best <= limit:
         return ()
     same = [other for gain, other, its, _ in found if its == name and len(other) == 1 and gain > best - np.log(SURE)]
     runs = " or ".join(_runs_words(other, fit) for other in (same if len(where) == 1 else [where]))
-    before, after = (plain_number(float(np.sqrt(max(square, 0.0) / dof))) for square in (now, left))
+    before, after = (plain_number(float(np.sqrt(max(square, 0.0) / count))) for square in (now, left))
     return (
         f"{runs}: {name} would explain the readings: the residual falls from {before} to {after} times the noise; check wiring, "
         "columns, lines and units, correct the file, and repeat",
@@ -151,19 +168,21 @@ def _words(names: Sequence[str], order: Sequence[int], signs: Sequence[float]) -
 
 class _Sums:
     """What the readings of some `parts` of a campaign do to the sum of squares that a `model` leaves of them, linear about a fit,
-    parameters by their prior 1σ, readings by their declared noise."""
+    parameters by their prior 1σ, readings by their declared noise; without those that the fit `excluded`, or with them."""
 
-    def __init__(self, fit: Identification, model: Model, parts: Collection[tuple[Part, ...]]) -> None:
+    def __init__(self, fit: Identification, model: Model, parts: Collection[tuple[Part, ...]], excluded: bool) -> None:
         problem, sigma, values = fit.problem(model), model.prior_sigma, model.vector(fit.named)
         slopes, left = [np.eye(len(sigma))], [(model.prior_mean - values) / sigma]
+        self.count = 0
         self.rows, self._columns, self._at = dict[Part, int](), dict[Part, int](), dict[tuple[Part, int], int]()
         changes, here = list[tuple[int, Array]](), len(sigma)
         for (id, instrument), block in problem.blocks(values).items():
-            weight = ~block.left_out / problem.noises[id, instrument].declared
+            weight = ~(block.left_out & excluded) / problem.noises[id, instrument].declared
             table = np.zeros((*weight.shape, len(sigma)))
             table[:, :, block.columns] = block.jacobian * sigma[block.columns] * weight[:, :, None]
             slopes.append(table.reshape(weight.size, -1))
             left.append((block.residual * weight).ravel())
+            self.count += int(np.count_nonzero(weight))
             part = (id, instrument)
             if (part,) in parts:
                 run = model.campaign.run(id)
@@ -191,7 +210,7 @@ class _Sums:
         self._square = moved.T @ moved
 
     def left(self, others: Mapping[Part, _Other]) -> float:
-        """χ², priors included, that the fit leaves where some parts hold other readings."""
+        """χ², priors included, that the fit leaves where some parts hold other readings: of noise as declared the `count`."""
         change, free = np.zeros(len(self._square)), list[int]()
         change[-1] = 1.0
         for part, other in others.items():
