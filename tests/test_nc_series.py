@@ -57,7 +57,7 @@ def test_one_program_drives_both_directions_and_feeds_with_the_bar_on(folder: Pa
             assert text.count("MOUNT BAR") == text.count("REMOVE BAR") == 1
             assert [text.count(f"THEN {said}") for said in ("CW F500", "CCW F2000", "CW F2000")] == [1, 1, 1]
     sheet = (folder / "setup.html").read_text()
-    assert "the 4 circles of this mounting; the bar stays mounted." in sheet
+    assert "the 4 circles of this mounting, each a recording of its own; the bar stays mounted." in sheet
     assert sheet.count("leave table ball and tool ball in place.") == 7  # each program of its own has the bar removed
 
 
