@@ -78,7 +78,7 @@ class Dialect:
     it reads; `upper`: it reads capital letters only.
     `orient` turns the spindle to `{angle}` degree and holds it; controls whose words for it depend on the builder stop and let
     the operator turn it.
-    `steady` switches exact stop off before a recording of straight blocks, where `start` has not done so; `contour` calls a
+    `steady` switches exact stop off before straight blocks, where `start` has not done so; `contour` calls a
     circle's `{plane}` and the contouring mode: exact stop off, look-ahead as in production. `arc` writes a
     circle's blocks, by default one a turn.
     `tool_centre`: the lines that switch tool-centre control on, with the length of tool `{tool}`, and off, at the place

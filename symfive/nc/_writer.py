@@ -105,8 +105,7 @@ class Writer:
             found.append(Step(kind="comment", text=f"bar {run.length:g} mm"))
         self.seated = False
         found += self.first_moves()
-        if run.dynamic:
-            found.append(Step(kind="contour", text="" if self.circle is None else self.circle.plane))
+        found.append(Step(kind="contour", text="" if self.circle is None else self.circle.plane))
         zeroed = all(instrument.zeroed(run) for instrument in instruments_of(run))
         seat = f"{'MOUNT' if self.bar else 'SEAT'} {self._ball}"
         if run.dynamic:
