@@ -49,7 +49,7 @@ def coarsened(posterior: Posterior, unnamed: Collection[int] = ()) -> Posterior:
     energy = misfit(moments, held, unnamed) + contradicted(moments.fit, node, evidence.kappa2)
     nodes = evidence.by_node - np.logaddexp.reduce(evidence.by_node)
     usual = _tempered(posterior, energy, nodes, evidence.kappa2)
-    doubt = _no_noise(moments, node)
+    doubt = _no_noise(node)
     if doubt == 0.0:
         return usual
     white = np.where([each.size == 0.0 for each in moments.nodes], moments.log_prior, -np.inf)
@@ -76,7 +76,7 @@ def _tempered(posterior: Posterior, energy: float, nodes: Array, kappa2: float) 
     return found.corrected({subset: tempered(subset, mass) for subset, mass in posterior.exact.items()})
 
 
-def _no_noise(moments: Moments, node: Node) -> float:
+def _no_noise(node: Node) -> float:
     """How probable it is that what a node holds is no noise of an instrument: an unidentified effect may have any size."""
     if node.size == 0.0:
         return 0.0

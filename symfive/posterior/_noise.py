@@ -22,8 +22,7 @@ from symfive.arrays import Array, Indices
 from symfive.inference import Noise, whiten
 
 __all__ = [
-    "DECADE", "EXACT_ROWS", "HALF", "NEGLIGIBLE", "SIZES", "USUAL", "Bands", "Node", "grams", "nodes_of", "share_of",
-    "whitened",
+    "DECADE", "EXACT_ROWS", "HALF", "NEGLIGIBLE", "SIZES", "Bands", "Node", "grams", "nodes_of", "share_of", "whitened",
 ]  # fmt: skip
 
 SIZES, SHARES = (0.3, 1.0, 3.0), (0.003, 0.03, 0.3)
@@ -77,8 +76,7 @@ def nodes_of(longest: float, interval: float = 0.0, readings: int = 1, flicker: 
         for share, decades in (*((s, 1) for s in SHARES), *[(SHARES[-1], len(SHARES))] * flicker)
     ]
     every = [(size, *time) for size in SIZES for time in times]
-    weight = np.exp(-np.array([size for size, _, _ in every]) / USUAL)
-    share = 0.5 * weight / weight.sum()
+    share = np.array([share_of(size) for size, _, _ in every]) / len(times)
     slow = np.array([0.5 * readings * np.exp(-2.0 * interval / time) > NEGLIGIBLE for _, time, _ in every])
     coloured = [
         Node(size, time, float(np.log(p)), decades)

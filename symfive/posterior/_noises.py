@@ -18,7 +18,7 @@ from symfive.identify import Identification
 from symfive.posterior._evidence import log_evidence
 from symfive.posterior._explore import held_by
 from symfive.posterior._moments import Known, of_electronics, usual_noises
-from symfive.posterior._noise import DECADE, HALF, USUAL, Node
+from symfive.posterior._noise import DECADE, HALF, Node, share_of
 
 __all__ = ["noises_of"]
 
@@ -35,30 +35,27 @@ def noises_of(fit: Identification, held: Sequence[Form]) -> tuple[Node, ...]:
         return usual
     known = Known.of(fit, held)
 
-    def log(subset: Sequence[tuple[int, float]]) -> LogEvidence:
+    def log(whole: bool) -> LogEvidence:
         def by_noise(nodes: Sequence[Node]) -> Array:
-            by_node = log_evidence(known.moments(nodes), subset).by_node
+            moments = known.moments(nodes)
+            by_node = log_evidence(moments, held_by(moments) if whole else ()).by_node
             return np.asarray(np.logaddexp.reduce(by_node.reshape(-1, len(nodes)), axis=0))
 
         return by_noise
 
-    with_all = _sharper(log(held_by(known.moments(usual[:1]))), usual)
-    if not held:
-        return with_all
-    without = _sharper(log(()), usual)
-    own, other = with_all[len(usual) :], without[len(usual) :]
-    if own and other and float(np.ptp(log(())([*own, *other]))) < 1.0:
-        return with_all
-    return *with_all, *other
+    own, other = _between(log(True), usual), _between(log(False), usual) if held else ()
+    if own and other and float(np.ptp(log(False)([*own, *other]))) < 1.0:
+        other = ()
+    return *usual, *own, *other
 
 
-def _sharper(log: LogEvidence, usual: tuple[Node, ...]) -> tuple[Node, ...]:
-    """The usual nodes and the most probable one between them, if it is known better than these are apart."""
+def _between(log: LogEvidence, usual: Sequence[Node]) -> tuple[Node, ...]:
+    """The most probable noise between the usual nodes, if it is known better than these are apart."""
     found = list[tuple[float, Node]]()
     for decades in sorted({node.decades for node in usual if node.size > 0.0}):
         own = [node for node in usual if node.size > 0.0 and node.decades == decades]
         found += _most_probable(log, own)
-    return (*usual, max(found, key=lambda each: each[0])[1]) if found else usual
+    return (max(found, key=lambda each: each[0])[1],) if found else ()
 
 
 def _most_probable(log: LogEvidence, usual: Sequence[Node]) -> Iterator[tuple[float, Node]]:
@@ -72,7 +69,7 @@ def _most_probable(log: LogEvidence, usual: Sequence[Node]) -> Iterator[tuple[fl
 
     def node(place: Array) -> Node:
         size, time = float(np.exp(place[0])), float(np.exp(place[1])) if free == 2 else start.time
-        return Node(size, time, start.log_prior + (start.size - size) / USUAL, start.decades)
+        return Node(size, time, start.log_prior + float(np.log(share_of(size) / share_of(start.size))), start.decades)
 
     steps = np.array(list(product((-1.0, 0.0, 1.0), repeat=free)))
     middle, axes = len(steps) // 2, [np.abs(steps).sum(axis=1) * np.abs(steps[:, k]) == 1.0 for k in range(free)]
